@@ -1,6 +1,7 @@
-//! The matrix round a camera: what a patch costs that enters, alone and among others, what refreshing a column costs, and the
-//! product over shares of lit and of visible slots. Bytes a second stand beside: an entering patch reads the matrix and reads
-//! and writes it once more. Then a step along a world of more patches than slots, with and without changes.
+//! The matrix round a camera: what a patch costs that enters, alone and among others, what refreshing a column costs,
+//! and the product over shares of lit and of visible slots. Bytes a second stand beside: an entering patch reads the
+//! matrix and reads and writes it once more. Then a step along a world of more patches than slots, with and without
+//! changes.
 
 #![allow(missing_docs)]
 

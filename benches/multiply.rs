@@ -1,5 +1,5 @@
-//! A step of Horner's rule, `F + F diag(ρ) T`: faer, the kernel as native code, and the kernel on a Vulkan device; a step of n
-//! patches is n³ products and as many sums. `PATCHLIGHT_DEVICE` (a name or a number) chooses the device.
+//! A step of Horner's rule, `F + F diag(ρ) T`: faer, the kernel as native code, and the kernel on a Vulkan device; a
+//! step of n patches is n³ products and as many sums. `PATCHLIGHT_DEVICE` (a name or a number) chooses the device.
 
 #![allow(missing_docs)]
 

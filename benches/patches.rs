@@ -1,6 +1,6 @@
-//! Virtual patches and the voxel volume over growing numbers of patches: Sponza, or the built-in atrium without the shared
-//! scenes. A table of seconds with the exponent p of t ∝ Nᵖ, fitted to all sizes; the volume's lookup by criterion. All
-//! cores; under four minutes on two.
+//! Virtual patches and the voxel volume over growing numbers of patches: Sponza, or the built-in atrium without the
+//! shared scenes. A table of seconds with the exponent p of t ∝ Nᵖ, fitted to all sizes; the volume's lookup by
+//! criterion. All cores; under four minutes on two.
 
 #![allow(missing_docs)]
 

@@ -1,7 +1,7 @@
-//! Products as native code: of the operators of all bounces of the built-in atrium and, with the shared scenes, of Sponza,
-//! however they are stored, and of dense matrices. Each row says how fast its bytes are read beside the bandwidth with which
-//! the same cores read as many; the floor is the time that these would take. Measured alternately, so that a busy machine slows
-//! both alike.
+//! Products as native code: of the operators of all bounces of the built-in atrium and, with the shared scenes, of
+//! Sponza, however they are stored, and of dense matrices. Each row says how fast its bytes are read beside the
+//! bandwidth with which the same cores read as many; the floor is the time that these would take. Measured alternately,
+//! so that a busy machine slows both alike.
 
 #![allow(missing_docs)]
 

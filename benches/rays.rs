@@ -1,6 +1,6 @@
-//! Rays a second of [`Scene`] against obvhs' own traversals, one thread, for the rays of path-traced pictures of Sponza (of
-//! the built-in atrium without the shared scenes). The last table is measured in rounds, so that a busy machine slows
-//! all alike.
+//! Rays a second of [`Scene`] against obvhs' own traversals, one thread, for the rays of path-traced pictures of Sponza
+//! (of the built-in atrium without the shared scenes). The last table is measured in rounds, so that a busy machine
+//! slows all alike.
 
 // obvhs speaks Vec3A.
 #![allow(clippy::disallowed_types, missing_docs)]
@@ -33,8 +33,8 @@ struct Ray {
     direction: Vec3,
 }
 
-/// Camera rays of random pixels and four cosine-weighted bounces; a shadow ray at every vertex, towards the first light or
-/// up.
+/// Camera rays of random pixels and four cosine-weighted bounces; a shadow ray at every vertex, towards the first light
+/// or up.
 fn record(scene: &Scene, camera: &Camera) -> (Vec<Ray>, Vec<Ray>) {
     let (mut closest, mut shadow) = (Vec::with_capacity(COUNT), Vec::with_capacity(COUNT));
     let sun = scene.lighting.lights.first().map_or(Vec3::Y, |l| -l.direction);

@@ -1,4 +1,5 @@
-//! Rows of a bake: blocks read and checked from the page cache, rows taken from the cache of the store, and the row of a parent.
+//! Rows of a bake: blocks read and checked from the page cache, rows taken from the cache of the store, and the row of
+//! a parent.
 
 #![allow(missing_docs)]
 

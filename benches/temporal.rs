@@ -1,6 +1,6 @@
-//! Sampled rows beside dense products, natively and, where there is a device, on Vulkan: the sizes of the thesis's table 1 and
-//! beyond, lists against alias tables, and how long tables take to build. Rows have the shape of those of Sponza: 670 entries
-//! of most different size about the row's own number.
+//! Sampled rows beside dense products, natively and, where there is a device, on Vulkan: the sizes of the thesis's
+//! table 1 and beyond, lists against alias tables, and how long tables take to build. Rows have the shape of those of
+//! Sponza: 670 entries of most different size about the row's own number.
 //!
 //! `PATCHLIGHT_DEVICE` (a name or a number) chooses the device.
 

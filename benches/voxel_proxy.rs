@@ -1,5 +1,5 @@
-//! Errors of radiosity over the voxelisation proxy, beside those of the project's own patches of about the same number: a
-//! Markdown table of indirect irradiance at the reference points.
+//! Errors of radiosity over the voxelisation proxy, beside those of the project's own patches of about the same number:
+//! a Markdown table of indirect irradiance at the reference points.
 //!
 //! `cargo bench -p benches --bench voxel_proxy [-- SCENE…]`
 

@@ -1,5 +1,5 @@
-//! The dense products on a Vulkan device, by its own clock: GB/s of the matrix beside what the device streams itself and
-//! what native code reads on this machine. `PATCHLIGHT_DEVICE` (a name or a number) chooses the device.
+//! The dense products on a Vulkan device, by its own clock: GB/s of the matrix beside what the device streams itself
+//! and what native code reads on this machine. `PATCHLIGHT_DEVICE` (a name or a number) chooses the device.
 
 #![allow(missing_docs)]
 
@@ -65,8 +65,8 @@ fn load(executor: &mut dyn Executor, form: &Form, n: usize) -> Result<usize, Exe
     Ok(bytes)
 }
 
-/// Bandwidth with which the device streams, GB/s: three buffers read, one written, as large as a binding may be (at most
-/// 256 MB).
+/// Bandwidth with which the device streams, GB/s: three buffers read, one written, as large as a binding may be (at
+/// most 256 MB).
 fn device_stream_gb_s(executor: &mut dyn Executor) -> Result<f64, ExecutorError> {
     let count = (executor.device().max_storage_buffer_range / 16).min(1 << 24) as u32;
     let mut plan = Plan::new();

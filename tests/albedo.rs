@@ -1,4 +1,5 @@
-//! Another albedo of materials after a bake: light and pictures are those of the edited scene with the form factors of the bake.
+//! Another albedo of materials after a bake: light and pictures are those of the edited scene with the form factors of
+//! the bake.
 
 use std::sync::Arc;
 
@@ -133,8 +134,8 @@ fn another_albedo_gives_the_picture_of_the_edited_scene() {
     }
 }
 
-/// In a closed box of uniform emission Le and albedo ρ all light but that of the first bounce is `Le ρ² / (1 − ρ)`: of two
-/// albedos the ratio is known, whatever the box was baked with.
+/// In a closed box of uniform emission Le and albedo ρ all light but that of the first bounce is `Le ρ² / (1 − ρ)`: of
+/// two albedos the ratio is known, whatever the box was baked with.
 #[test]
 fn a_furnace_has_the_light_of_its_new_albedo() {
     let loaded = procedural::build("furnace").unwrap();
@@ -201,7 +202,8 @@ fn the_albedo_of_the_bake_comes_back() {
     assert!(bits(&picture(&mut renderer, &loaded, lighting)) == before);
 }
 
-/// What is bright all over needs more bounces than the bake of something dark; the renderer makes another plan.
+/// A surface that is bright all over needs more bounces than the bake of something dark; the renderer makes another
+/// plan.
 #[test]
 fn a_dark_scene_becomes_bright() {
     let mut loaded = procedural::build("cornell").unwrap();

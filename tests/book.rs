@@ -40,7 +40,7 @@ fn broken(folder: &Path, text: &str) -> Vec<String> {
 #[derive(Debug, PartialEq)]
 struct Line {
     text: String,
-    /// Whether it is to be run.
+    /// True if it is to be run.
     is_run: bool,
 }
 
@@ -74,7 +74,7 @@ fn program() -> Option<PathBuf> {
     None
 }
 
-/// What a program says.
+/// Output of a program.
 fn said(program: &Path, folder: &Path, arguments: &[&str]) -> Result<String, String> {
     let output = Command::new(program).args(arguments).current_dir(folder).output().map_err(|e| e.to_string())?;
     let (out, err) = (String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr));
@@ -98,7 +98,7 @@ impl Helps<'_> {
         Ok(&self.known[&key])
     }
 
-    /// Whether a line names a command of the program and options of that command.
+    /// Checks that a line names a command of the program and options of that command.
     fn check(&mut self, line: &str) -> Result<(), String> {
         let words: Vec<&str> = line.split_whitespace().collect();
         match words[..] {

@@ -357,9 +357,9 @@ fn buffers_stay_from_run_to_run_and_push_constants_change() {
 const FRAME_SOURCES: [f32; 5] = [1.0, 2.0, 3.0, 4.0, 5.0];
 const FRAME_COUNTS: [u32; 5] = [90, 50, 70, 20, 30];
 
-/// Submits five frames without waiting. Each uploads a source of its own to one buffer; a pass adds it up into an output of
-/// the frame, another one, with the frame's number of elements as push constant, into an output of all frames.
-/// Gives the outputs of the frames, then the common one.
+/// Submits five frames without waiting. Each uploads a source of its own to one buffer; a pass adds it up into an
+/// output of the frame, another one, with the frame's number of elements as push constant, into an output of all
+/// frames. Gives the outputs of the frames, then the common one.
 fn frames_in_flight(executor: &mut dyn Executor, counts: [u32; 5]) -> Vec<Vec<f32>> {
     let count = 100;
     let bytes = u64::from(count) * 16;
@@ -475,8 +475,8 @@ fn cleared_buffers_and_pictures_are_zeros_and_later_uploads_stay() {
     }
 }
 
-/// Operators from 300 patches to 421 receivers, in tiles of everything: rank-1 terms of 4 and 8 bits, dense sub-blocks, sparse
-/// residual.
+/// Operators from 300 patches to 421 receivers, in tiles of everything: rank-1 terms of 4 and 8 bits, dense sub-blocks,
+/// sparse residual.
 #[test]
 fn tiles_of_receivers_have_the_same_bits_on_every_device() {
     let random = |a: usize, b: usize, c: u32| unit(hash3(a as u32, b as u32, c));

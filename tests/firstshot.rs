@@ -1,5 +1,5 @@
-//! Photons that start where lights fall first, against other ways to find the same light: the path tracer, the operator of
-//! all bounces, reference data; and the same photons by kernels.
+//! Photons that start where lights fall first, against other ways to find the same light: the path tracer, the operator
+//! of all bounces, reference data; and the same photons by kernels.
 
 use std::ops::ControlFlow;
 use std::sync::Arc;
@@ -189,8 +189,9 @@ fn photons_agree_with_the_path_tracer() {
             tracer.estimate()
         };
         let found = run(settings);
-        // The cells with the least relative error, by other photons: cells that chance favours would look bright. Those with most
-        // light would not do: in the atrium single photons tell there, and their sum differs by 3 % from seed to seed.
+        // The cells with the least relative error, by other photons: cells that chance favours would look bright. Those
+        // with most light would not do: in the atrium single photons tell there, and their sum differs by 3 % from seed
+        // to seed.
         let others = run(PhotonSettings { seed: 1, most_photons: 1 << 18, ..settings });
         let certainty =
             |k: u32| luminance(others.irradiance[k as usize]) / others.error[k as usize].max(f32::MIN_POSITIVE);
@@ -219,8 +220,8 @@ fn photons_agree_with_the_path_tracer() {
             light = [light[0] + own, light[1] + mean];
         }
         let (rms, ratio) = ((squares / cells.len() as f64).sqrt(), light[0] / light[1]);
-        // Errors of cells are partly those of the same photons: twice as much as if they were independent. In the atrium the light
-        // of all cells differs by 3 % from seed to seed, for photons from the lights as well.
+        // Errors of cells are partly those of the same photons: twice as much as if they were independent. In the
+        // atrium the light of all cells differs by 3 % from seed to seed, for photons from the lights as well.
         let noise = 2.0 * variances.sqrt() / light[1];
         println!("{name}: {rms:.2} standard errors, worst {worst:.2}, light {ratio:.4}, noise {noise:.4}");
         // Places are spread evenly, so the spread overstates their noise.
@@ -235,8 +236,8 @@ fn photons_agree_with_the_path_tracer() {
 /// A room with a mirror, a ball of glass and a pane.
 const MIRRORS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../examples/mirrors/room.toml");
 
-/// Sums of 2048 photons in a plan of its own, traced in dispatches of so many of each batch, the error that the device states,
-/// and the irradiance of elements that own two cells each.
+/// Sums of 2048 photons in a plan of its own, traced in dispatches of so many of each batch, the error that the device
+/// states, and the irradiance of elements that own two cells each.
 fn by_kernels(
     mut executor: Box<dyn Executor>,
     scene: &Scene,
@@ -325,7 +326,8 @@ fn kernels_register_the_photons_of_the_host_in_every_bit() {
     assert!(difference(maps.areas(), &found.irradiance, &other.irradiance) > 0.1);
 }
 
-/// A hall under its sun, a lamp and a spot between its columns: triangles that are refined, and small ones that share rays.
+/// A hall under its sun, a lamp and a spot between its columns: triangles that are refined, and small ones that share
+/// rays.
 #[test]
 fn light_elements_by_rays_of_a_device_are_those_of_the_host() {
     let mut loaded = load_or_build("atrium:3000").unwrap();
@@ -369,8 +371,8 @@ fn light_elements_by_rays_of_a_device_are_those_of_the_host() {
     }
 }
 
-/// A frame of the Cornell box with photons until an error, under light of another colour than that of the bake, and of a lamp if
-/// one is given: irradiance of the elements, bytes that were read back for it, photons and error.
+/// A frame of the Cornell box with photons until an error, under light of another colour than that of the bake, and of
+/// a lamp if one is given: irradiance of the elements, bytes that were read back for it, photons and error.
 fn frame(bake: &Arc<Bake>, inner: Box<dyn Executor>, error: f64, lamp: Option<Light>) -> (Vec<Vec4>, usize, Round) {
     let executor = Limited::new(inner, u64::MAX);
     let downloaded = executor.downloaded();

@@ -1,4 +1,4 @@
-//! Where patches and receivers stand close, and what a bake says of its own errors.
+//! Viewing areas with close patches and receivers, and the bake's estimate of its own errors.
 
 use std::sync::Arc;
 
@@ -34,7 +34,7 @@ fn bake(loaded: &LoadedScene, focus: Focus) -> Bake {
     Bake::build(&loaded.scene, &settings(focus), &Silent).unwrap()
 }
 
-/// What rays meet in all directions from a place.
+/// Hits of rays in all directions from a place.
 fn points_about(loaded: &LoadedScene, eye: Vec3) -> Vec<SurfacePoint> {
     let scene = &loaded.scene;
     let direction = |k: u32| vec3(unit(hash3(k, 0, 7)), unit(hash3(k, 1, 7)), unit(hash3(k, 2, 7))) * 2.0 - 1.0;
@@ -70,8 +70,8 @@ fn patches_about(bake: &Bake, (low, high): (Vec3, Vec3)) -> usize {
     bake.mesh.patches.iter().filter(|patch| is_about(patch.centroid)).count()
 }
 
-/// Adding 1 km of ground takes few patches, and errors grow at most so many times; shared out by area, the same patches are far
-/// worse.
+/// Adding 1 km of ground takes few patches, and errors grow at most so many times; shared out by area, the same patches
+/// are far worse.
 fn check_ground(name: &str, eye: Vec3, most: f32) -> [usize; 3] {
     let without = procedural::build(name).unwrap();
     let with = procedural::build(&format!("{name}:ground=1000")).unwrap();

@@ -124,7 +124,7 @@ const LIBRARY_AND_SHELL: &[&str] = &[
     "shell",
 ];
 
-/// What a library must not know: command lines, terminals, reports, files of scenes.
+/// Words that a library must not know: command lines, terminals, reports, files of scenes.
 const NOT_IN_LIBRARIES: [&str; 9] =
     ["clap", "indicatif", "ctrlc", "maud", "gltf", "tobj", "toml", "assets", "reference"];
 
@@ -211,4 +211,58 @@ fn libraries_know_no_command_line() {
         }
     }
     assert!(crates["cli"].contains("clap"), "the program has a command line");
+}
+
+/// Sources of the project, below a folder.
+fn sources(folder: &Path, found: &mut Vec<PathBuf>) {
+    for entry in std::fs::read_dir(folder).expect("a folder") {
+        let path = entry.expect("an entry").path();
+        if path.is_dir() {
+            sources(&path, found);
+        } else if path.extension().is_some_and(|extension| extension == "rs") {
+            found.push(path);
+        }
+    }
+}
+
+/// Number of doc comments in a source, and those that open with a question word or refer to another comment.
+fn openings(text: &str) -> (usize, Vec<String>) {
+    let is_doc = |line: &str| line.starts_with("///") || line.starts_with("//!");
+    let mut count = 0;
+    let mut riddles = Vec::new();
+    let mut was_doc = false;
+    for line in text.lines().map(str::trim) {
+        if is_doc(line) && !was_doc {
+            count += 1;
+            let opening = line[3..].trim_start();
+            let words = ["What", "Whether", "How", "Where", "Of", "The same"];
+            let is_riddle =
+                |word: &&str| opening.strip_prefix(**word).is_some_and(|rest| rest.starts_with([' ', ',', '.']));
+            if words.iter().any(|word| is_riddle(&word)) {
+                riddles.push(opening.to_owned());
+            }
+        }
+        was_doc = is_doc(line);
+    }
+    (count, riddles)
+}
+
+#[test]
+fn documentation_opens_with_what_a_thing_is() {
+    let (_, wrong) =
+        openings("/// Whether it is so.\nfn f() {}\n/// Number of rays.\nfn g() {}\n/// Of the second.\nfn h() {}");
+    assert_eq!(wrong.len(), 2, "the check finds what it looks for");
+    let mut files = Vec::new();
+    for folder in ["crates", "apps", "lab", "tests", "benches"] {
+        sources(&root().join(folder), &mut files);
+    }
+    let mut count = 0;
+    let mut riddles = Vec::new();
+    for file in files {
+        let (of_file, found) = openings(&std::fs::read_to_string(&file).expect("a source"));
+        count += of_file;
+        riddles.extend(found.into_iter().map(|opening| format!("{}: {opening}", file.display())));
+    }
+    assert!(count > 5_000, "{count} doc comments");
+    assert!(riddles.len() * 100 <= 3 * count, "{} of {count} doc comments:\n{}", riddles.len(), riddles.join("\n"));
 }

@@ -1,5 +1,5 @@
-//! Scenes as they must come out of their files: counts and areas of the shared scenes, textures, masks, mips, skies, glTF,
-//! animation, built-in scenes, and writing a scene back.
+//! Scenes as they must come out of their files: counts and areas of the shared scenes, textures, masks, mips, skies,
+//! glTF, animation, built-in scenes, and writing a scene back.
 
 use std::io::Cursor;
 use std::path::{Path, PathBuf};

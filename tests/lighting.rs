@@ -1,4 +1,5 @@
-//! What shines may change freely after a bake: lights come, go and move, the sky and the emission of materials change.
+//! Light sources may change freely after a bake: lights come, go and move, the sky and the emission of materials
+//! change.
 
 use std::sync::Arc;
 
@@ -78,7 +79,8 @@ fn lights_beyond_those_of_the_bake_are_not_dropped() {
     assert!((share - Vec3::splat(1.0 / 40.0)).abs().max_element() < 0.002, "one of 40 lamps: {share}");
 }
 
-/// Where what is kept of the lights would be more than a binding shows, all are traced in each update, with the same light.
+/// All lights are traced in each update, with the same light, where what is kept of them would be more than a binding
+/// shows.
 #[test]
 fn more_lights_than_can_be_kept_give_the_same_light() {
     let loaded = procedural::build("cornell").unwrap();
@@ -121,7 +123,8 @@ fn lights_that_come_and_go_leave_nothing_behind() {
     }
 }
 
-/// Only lights that have moved are traced: whatever came before, the light is that of a renderer which knows nothing of it.
+/// Only lights that have moved are traced: whatever came before, the light is that of a renderer which knows nothing of
+/// it.
 #[test]
 fn lights_that_are_kept_are_those_that_would_be_found() {
     let loaded = procedural::build("office").unwrap();
@@ -337,7 +340,8 @@ fn indirect(renderer: &mut Renderer, loaded: &LoadedScene, lighting: &Lighting) 
     renderer.surface_irradiance().unwrap()
 }
 
-/// What a caller gives as direct light of the samples stands for what would be traced; the light then is the same in every bit.
+/// Direct light of the samples that a caller gives stands for what would be traced; the light then is the same in every
+/// bit.
 #[test]
 fn direct_light_of_the_samples_may_be_the_callers() {
     let loaded = procedural::build("cornell").unwrap();

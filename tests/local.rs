@@ -31,7 +31,7 @@ fn bake(loaded: &LoadedScene, patches: PatchKind, receivers: ReceiverKind) -> Ar
     settings.bake(loaded).unwrap()
 }
 
-/// What a bake is rendered with.
+/// Settings that a bake is rendered with.
 fn loader(method: MethodSettings) -> Setup {
     Setup { method, sub_frames: 4, size: SIZE, ..Setup::default() }
 }
@@ -49,7 +49,8 @@ fn distance(a: &[Vec3], b: &[Vec3]) -> f32 {
     (squares(&mut a.iter().zip(b).map(|(a, b)| *a - *b)) / squares(&mut b.iter().copied())).sqrt()
 }
 
-/// Light of the surfaces while the camera flies through the scene, frame by frame; the last picture; patches that entered.
+/// Light of the surfaces while the camera flies through the scene, frame by frame; the last picture; patches that
+/// entered.
 fn flight(
     loaded: &LoadedScene,
     bake: &Arc<Bake>,

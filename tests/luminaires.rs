@@ -483,7 +483,7 @@ fn a_renderer_follows_luminaires_that_change() {
     assert!(message.contains("light 2"), "{message}");
 }
 
-/// Where the programs of Radiance are that come with the Python package pyradiance.
+/// Folder of Radiance's programs that come with the Python package pyradiance.
 fn radiance() -> Option<PathBuf> {
     let script = "import os, pyradiance; print(os.path.dirname(pyradiance.__file__))";
     let python = std::env::var("PYRADIANCE_PYTHON").unwrap_or_else(|_| String::from("python3"));

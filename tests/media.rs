@@ -35,7 +35,7 @@ fn photons(error: f64, most_photons: u64) -> MethodSettings {
     MethodSettings::FirstShot(FirstShotSettings { error, most_photons, ..FirstShotSettings::default() })
 }
 
-/// The same scene, filled with a medium.
+/// Copy of a scene, filled with a medium.
 fn filled(scene: &Scene, absorption: Vec3) -> Scene {
     let geometry = &scene.geometry;
     let parts = SceneParts {

@@ -1,6 +1,6 @@
-//! The order of invocations changes nothing: every entry point is called on the host forward, reversed and shuffled, and
-//! gives the bytes of its host form. Kernels whose workgroups share memory, or that fetch from images, cannot be called
-//! on the host; their host forms run over blocks of rows in different orders, and on one and two threads.
+//! The order of invocations changes nothing: every entry point is called on the host forward, reversed and shuffled,
+//! and gives the bytes of its host form. Kernels whose workgroups share memory, or that fetch from images, cannot be
+//! called on the host; their host forms run over blocks of rows in different orders, and on one and two threads.
 
 use std::collections::BTreeMap;
 
@@ -22,8 +22,8 @@ fn orders(invocations: u32) -> [(&'static str, Vec<u32>); 3] {
     [("forward", forward), ("reversed", reversed), ("shuffled", shuffled)]
 }
 
-/// Runs an entry point over these invocations of a dispatch that is `width` workgroups wide; `None` where the host cannot
-/// call it.
+/// Runs an entry point over these invocations of a dispatch that is `width` workgroups wide; `None` where the host
+/// cannot call it.
 fn run_entry(input: &Input, order: &[u32], width: u32) -> Option<BTreeMap<usize, Bytes>> {
     let kernel = input.kernel;
     let invocation = kernel.invocation?;
@@ -93,7 +93,7 @@ fn an_invocation_that_is_left_out_is_noticed() {
     }
 }
 
-/// Whether a kernel is a dense product.
+/// Returns true if a kernel is a dense product.
 fn is_dense(input: &Input) -> bool {
     matches!(input.kernel.name, "formfactor_gather" | "formfactor_gather_half")
 }

@@ -1,8 +1,8 @@
 //! Every kernel of the table on both executors: the same plan, the same inputs, the same results.
 //!
-//! All kernels agree in every bit on lavapipe: the modules carry `NoContraction`, sums run in one order on both sides, and
-//! functions whose GPU form differs are polynomials of our own. Other devices may divide with an error of 2.5 ULP and
-//! flush subnormal numbers, so there results are compared with the tolerances of [`tolerance`].
+//! All kernels agree in every bit on lavapipe: the modules carry `NoContraction`, sums run in one order on both sides,
+//! and functions whose GPU form differs are polynomials of our own. Other devices may divide with an error of 2.5 ULP
+//! and flush subnormal numbers, so there results are compared with the tolerances of [`tolerance`].
 
 use assets::procedural;
 use glam::Vec3;
@@ -18,7 +18,7 @@ use runtime::plan::{BufferId, Plan, Range};
 use scene::sampling::{hash3, unit};
 use scene::{Hit, Ray};
 
-/// How far a kernel's results may differ.
+/// Permitted difference of a kernel's results.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Tolerance {
     /// All bits are equal.
@@ -132,10 +132,10 @@ fn every_kernel_gives_the_same_on_both_executors() {
     assert!(failures.is_empty(), "{}", failures.join("\n"));
 }
 
-/// What texture units may do to the products. BC6H and BC7 are exact by their specification. The palettes of BC1, and of
-/// the colours of BC3, are rounded to about 8 bits: lavapipe is up to 1.7/255 off at a texel. With random bits the errors
-/// of the hundreds of texels of a row have both signs: its sum stays within 0.5 %, and within 1.5 % where entries are
-/// logarithms, which make eightfold ln 2 of an error of a great texel.
+/// Permitted rounding of texture units in the products. BC6H and BC7 are exact by their specification. The palettes of
+/// BC1, and of the colours of BC3, are rounded to about 8 bits: lavapipe is up to 1.7/255 off at a texel. With random
+/// bits the errors of the hundreds of texels of a row have both signs: its sum stays within 0.5 %, and within 1.5 %
+/// where entries are logarithms, which make eightfold ln 2 of an error of a great texel.
 fn texture_tolerance(codec: BlockCodec, kind: DeviceKind) -> Tolerance {
     match codec {
         BlockCodec::Bc1 => Tolerance::Floats { relative: 5e-3, outliers: 0.0 },

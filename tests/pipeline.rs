@@ -222,8 +222,9 @@ fn both_executors_render_the_same_pictures_with_operators() {
     }
 }
 
-/// What a texture unit decodes is rounded to about 8 bits in BC1 and BC3, and exact in BC6H and BC7 (`parity.rs`). Entries are
-/// squares of texels, so an error of 1.7/255 of a great texel is one of 1.3 % of its entry; those of a row have both signs.
+/// Texture units round decoded values to about 8 bits in BC1 and BC3, and are exact in BC6H and BC7 (`parity.rs`).
+/// Entries are squares of texels, so an error of 1.7/255 of a great texel is one of 1.3 % of its entry; those of a row
+/// have both signs.
 #[test]
 fn texture_units_give_the_pictures_that_kernels_do() {
     let loaded = procedural::build("cornell").unwrap();
@@ -258,8 +259,8 @@ fn texture_units_give_the_pictures_that_kernels_do() {
     }
 }
 
-/// A closed box with the operator in every format: what leaves a patch comes back. Making F reciprocal takes up to 2 % (dense,
-/// too); blocks keep the sum of each row, so nothing more goes.
+/// A closed box with the operator in every format: what leaves a patch comes back. Making F reciprocal takes up to 2 %
+/// (dense, too); blocks keep the sum of each row, so nothing more goes.
 #[test]
 fn the_furnace_is_closed_with_every_format_of_blocks() {
     let loaded = procedural::build("furnace").unwrap();
@@ -277,7 +278,8 @@ fn the_furnace_is_closed_with_every_format_of_blocks() {
             let by_texture = Setup { decode: Decode::Texture, ..with(Codec::Blocks(codec), None) };
             let found = off(&render_with(&loaded, Box::new(vulkan), by_texture));
             println!("{codec:?}, texture unit: {found}");
-            // Entries are alike here, so what lavapipe rounds off has one sign: 1.7/255 of a texel, twice that of its square.
+            // Entries are alike here, so what lavapipe rounds off has one sign: 1.7/255 of a texel, twice that of its
+            // square.
             let limit = if matches!(codec, BlockCodec::Bc1 | BlockCodec::Bc3) { 0.0135 } else { 1e-3 };
             assert!(found < limit, "{codec:?}, texture unit: {found}");
         }

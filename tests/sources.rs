@@ -1,5 +1,5 @@
-//! lab/docs/sources.md says where the equations, figures and claims of the sources are in the project: what it names exists, and no number
-//! of theirs is left out.
+//! lab/docs/sources.md says where the equations, figures and claims of the sources are in the project: what it names
+//! exists, and no number of theirs is left out.
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -92,12 +92,12 @@ fn has_function(text: &str, name: &str) -> bool {
     before_function(text, name).next().is_some()
 }
 
-/// Whether a function of this name has `#[test]` above it.
+/// Returns true if a function of this name has `#[test]` above it.
 fn has_test(text: &str, name: &str) -> bool {
     before_function(text, name).any(|before| before.rsplit("fn ").next().is_some_and(|own| own.contains("#[test]")))
 }
 
-/// What stands between backticks, if that is all.
+/// Text between backticks, if that is all.
 fn code(text: &str) -> Option<&str> {
     let inner = text.strip_prefix('`')?.strip_suffix('`')?;
     (!inner.is_empty() && !inner.contains('`')).then_some(inner)
@@ -224,7 +224,7 @@ fn check_words(words: &[&str], options: &BTreeSet<String>) -> Result<(), String>
     }
 }
 
-/// Whether an enumeration of a file has the variant of a command or an experiment.
+/// Checks that an enumeration of a file has the variant of a command or an experiment.
 fn check_variant(file: &str, name: &str) -> Result<(), String> {
     let (first, rest) = name.split_at(1);
     let variant = first.to_uppercase() + rest;
@@ -236,7 +236,7 @@ fn check_variant(file: &str, name: &str) -> Result<(), String> {
     if read(file)?.lines().any(is_variant) { Ok(()) } else { Err(format!("the program has no {name}")) }
 }
 
-/// Whether there are tests of this name, of the project or of one of its crates.
+/// Checks that there are tests of this name, of the project or of one of its crates.
 fn check_test_file(name: &str) -> Result<(), String> {
     let mut folders = vec![root().join("tests")];
     let crates = std::fs::read_dir(root().join("crates")).expect("the crates").flatten();
@@ -245,7 +245,7 @@ fn check_test_file(name: &str) -> Result<(), String> {
     if exists { Ok(()) } else { Err(format!("there are no tests {name}")) }
 }
 
-/// Whether files that a cell links to exist.
+/// Checks that files that a cell links to exist.
 fn check_links(cell: &str) -> Result<(), String> {
     let links = cell.split("](").skip(1).filter_map(|rest| rest.split(')').next());
     for link in links {
@@ -254,7 +254,7 @@ fn check_links(cell: &str) -> Result<(), String> {
     Ok(())
 }
 
-/// What every number of the sources is called in the first column.
+/// Name of every number of the sources in the first column.
 fn numbers() -> Vec<String> {
     let all = |chapters: [(u32, u32); 5]| {
         chapters.into_iter().flat_map(|(chapter, last)| (1..=last).map(move |n| format!("{chapter}.{n}")))
@@ -270,7 +270,7 @@ fn lines(document: &str) -> impl Iterator<Item = (usize, &str)> {
     document.lines().enumerate().filter(move |(_, line)| is_row(line)).map(|(k, line)| (k + 1, line))
 }
 
-/// What is wrong with the rows of the document.
+/// Faults of the rows of the document.
 fn faults(document: &str, options: &BTreeSet<String>) -> Vec<String> {
     let fault = |(number, line)| {
         let checked = Row::new(line).and_then(|row| row.check(options));

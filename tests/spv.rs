@@ -138,9 +138,9 @@ fn bindings_are_those_of_the_table() {
         }
         assert!(found.iter().all(|r| (r.binding as usize) < kernel.bindings.len()), "{name}: a binding without a row");
     }
-    // Pixels take the scene as a whole, but neither albedo nor shading casts a ray, shading samples no emitter, sharp lights are no
-    // emitters, light with nothing in the way casts no ray, and large lights do not look at the sky's map. Shading
-    // and large lights need no luminaires.
+    // Pixels take the scene as a whole, but neither albedo nor shading casts a ray, shading samples no emitter, sharp
+    // lights are no emitters, light with nothing in the way casts no ray, and large lights do not look at the sky's
+    // map. Shading and large lights need no luminaires.
     let expected = [
         ("scene_albedo", "nodes"),
         ("scene_shade", "nodes"),
@@ -228,7 +228,8 @@ fn no_float_operation_may_be_contracted() {
             without.push(name);
         }
     }
-    // Of the kernels that only count and copy; tests/order.rs and tests/parity.rs see to it that each writes its results.
+    // Of the kernels that only count and copy; tests/order.rs and tests/parity.rs see to it that each writes its
+    // results.
     assert!(10 * without.len() < KERNELS.len(), "these compute nothing: {without:?}");
 }
 

@@ -39,7 +39,7 @@ fn bake(loaded: &LoadedScene, patches: PatchKind, receivers: ReceiverKind) -> Ar
     settings(patches, receivers).bake(loaded).unwrap()
 }
 
-/// What a bake is rendered with.
+/// Settings that a bake is rendered with.
 fn loader(method: MethodSettings) -> Setup {
     Setup { method, sub_frames: 4, size: SIZE, ..Setup::default() }
 }
@@ -59,8 +59,8 @@ fn away(loaded: &LoadedScene) -> Vec<Light> {
     path.at(path.duration() / 3.0).0
 }
 
-/// Light of some frames with other lights, then of so many with the scene's own: what surfaces receive in each of them, and the
-/// last picture.
+/// Light of some frames with other lights, then of so many with the scene's own: what surfaces receive in each of them,
+/// and the last picture.
 fn frames(
     loaded: &LoadedScene,
     bake: &Arc<Bake>,
@@ -82,7 +82,7 @@ fn frames(
     (shown, pictures)
 }
 
-/// What may be chosen, with the control variate and without.
+/// Settings under test, with the control variate and without.
 fn variants() -> Vec<TemporalSettings> {
     let settings = Settings::default();
     let without = Settings { samples: 32, control_variate: false, ..settings };
@@ -134,13 +134,14 @@ fn light_follows_a_jump_and_comes_to_rest_at_that_of_exact_products() {
             let (first, then) = (arrived(0), arrived(8));
             assert!((least..1.1).contains(&then) && first < 0.1, "{temporal:?}: {first}, {then}");
             if temporal.settings.control_variate {
-                // The noise of a jump stays in a row until it is summed exactly, once in 16 frames; rows of all bounces are longer.
+                // The noise of a jump stays in a row until it is summed exactly, once in 16 frames; rows of all bounces
+                // are longer.
                 let soon = if temporal.rows == RowKind::AllBounces { 0.2 } else { 0.1 };
                 // Lists share the entries of real rows out to 1,024.
                 assert!(left(8) < soon && left(100) < 0.01 && shown[100] == shown[99], "{temporal:?}: {change}");
             } else {
-                // Noise stays, of a fifth of the jump at most, but about the right light: sixty frames that go on by 0.6 count as
-                // fifteen, and bring it to a twentieth.
+                // Noise stays, of a fifth of the jump at most, but about the right light: sixty frames that go on by
+                // 0.6 count as fifteen, and bring it to a twentieth.
                 let mean = |k: usize| shown[41..].iter().map(|light| light[k]).sum::<Vec3>() / 60.0;
                 let mean: Vec<Vec3> = (0..rest.len()).map(mean).collect();
                 let error = distance(&mean, rest) / jump;

@@ -1,4 +1,5 @@
-//! Voxel and axis patches as their own receivers: the whole pipeline on scenes whose answer is known, on both executors.
+//! Voxel and axis patches as their own receivers: the whole pipeline on scenes whose answer is known, on both
+//! executors.
 
 use assets::import::LoadedScene;
 use assets::procedural;
@@ -18,8 +19,8 @@ const SIZE: (u32, u32) = (40, 30);
 const KINDS: [PatchKind; 2] = [PatchKind::Voxel, PatchKind::Axis];
 /// Radiance in the furnace, and irradiance at most points, may be off by this share.
 const TOLERANCE: f32 = 0.03;
-/// The same for 95 % of the points: the light of a near wall is noisy at the sample points of patches in corners.
-const MOST: f64 = 0.08;
+/// Limit for 95 % of the points: the light of a near wall is noisy at the sample points of patches in corners.
+const MAX: f64 = 0.08;
 
 fn settings(patches: PatchKind) -> Setup {
     Setup {
@@ -64,8 +65,8 @@ fn points(scene: &Scene, count: u32) -> Vec<SurfacePoint> {
     (0..count).map(point).collect()
 }
 
-/// A closed box of uniform emission and albedo: H = Me/(1 − ρ), of which Me came straight from the walls, at every point,
-/// and L = Le/(1 − ρ) in every direction.
+/// A closed box of uniform emission and albedo: H = Me/(1 − ρ), of which Me came straight from the walls, at every
+/// point, and L = Le/(1 − ρ) in every direction.
 fn check_furnace(loaded: &LoadedScene, pictures: &Pictures, indirect: &[Vec3]) -> Result<(), String> {
     let material = loaded.scene.materials[loaded.scene.geometry.triangles[0].material as usize];
     let exitance = material.radiance * std::f32::consts::PI;
@@ -74,7 +75,7 @@ fn check_furnace(loaded: &LoadedScene, pictures: &Pictures, indirect: &[Vec3]) -
     let mut off: Vec<f64> = indirect.iter().map(off).collect();
     let (median, p95) = (quantile(&mut off, 0.5), quantile(&mut off, 0.95));
     println!("irradiance at points off by {median:.4} (median), {p95:.4} (95th percentile)");
-    if median > f64::from(TOLERANCE) || p95 > MOST {
+    if median > f64::from(TOLERANCE) || p95 > MAX {
         return Err(format!("irradiance at points off by {median} (median), {p95} (95th percentile)"));
     }
     let radiance = material.radiance / (Vec3::ONE - material.albedo);
@@ -178,7 +179,7 @@ fn the_inside_of_a_sealed_box_in_the_sun_stays_dark() {
     }
 }
 
-/// Whether a point lies on the inside of the box.
+/// Returns true if a point lies on the inside of the box.
 fn is_of_the_box(point: &SurfacePoint) -> bool {
     point.position.y > 0.1 && point.normal.dot(Vec3::new(0.0, 1.5, 0.0) - point.position) > 0.0
 }

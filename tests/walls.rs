@@ -1,8 +1,8 @@
 //! Walls without thickness: no light goes through them, along them or between them.
 //!
-//! Every scene is made here, baked with both kinds of patches, and asked for indirect irradiance at points (rows of their
-//! own) and in pictures (receivers on the mesh). Where all light is kept out the bound is 10⁻⁴ of what is outside; where some
-//! comes round a corner the path tracer says how much.
+//! Every scene is made here, baked with both kinds of patches, and asked for indirect irradiance at points (rows of
+//! their own) and in pictures (receivers on the mesh). Where all light is kept out the bound is 10⁻⁴ of what is
+//! outside; where some comes round a corner the path tracer says how much.
 
 use assets::import::LoadedScene;
 use assets::procedural;
@@ -179,8 +179,8 @@ fn greatest(values: &[f32]) -> f32 {
     values.iter().copied().fold(0.0, f32::max)
 }
 
-/// Brightest point and brightest pixel of a closed space, for six views from its middle, as shares of the mean of bright
-/// points.
+/// Brightest point and brightest pixel of a closed space, for six views from its middle, as shares of the mean of
+/// bright points.
 fn leak(build: &Build, kind: PatchKind, dark: &[SurfacePoint], middle: Vec3, bright: &[SurfacePoint]) -> (f32, f32) {
     let mut baked = Baked::new(build, kind);
     let outside = mean(&baked.at(bright));
@@ -207,8 +207,8 @@ fn check_dark(
     if closed.0.max(closed.1) < DARK { Ok(()) } else { Err(format!("{closed:?} of the light outside comes in")) }
 }
 
-/// Errors at points against the path tracer, relative to the greater of its value and `floor` W/m²; beyond what its noise
-/// explains (3 σ).
+/// Errors at points against the path tracer, relative to the greater of its value and `floor` W/m²; beyond what its
+/// noise explains (3 σ).
 fn errors(truth: &Build, ours: &mut Baked, points: &[SurfacePoint], floor: f32) -> Vec<f64> {
     let scene = truth.scene();
     let truth = PathTracer::new(&scene).irradiance(points, PATHS, &PathSettings::default());
@@ -249,7 +249,7 @@ fn check_sealed_box(build: &Build, kind: PatchKind) -> Result<(), String> {
     check_dark(build, 4, kind, (LOW, HIGH), &outside)
 }
 
-/// What lights the sealed box: a sun, a sky.
+/// Lights of the sealed box: a sun, a sky.
 fn outdoors() -> [Build; 2] {
     [sealed_box().sun().clone(), sealed_box().sky().clone()]
 }
@@ -294,8 +294,8 @@ fn two_rooms_of_clusters() {
     check_rooms(PatchKind::Cluster).unwrap();
 }
 
-/// A room with a nook behind two thin walls that meet; light comes round the free end of one. Without the first wall when
-/// `is_open`.
+/// A room with a nook behind two thin walls that meet; light comes round the free end of one. Without the first wall
+/// when `is_open`.
 fn nook(is_open: bool) -> Build {
     let mut b = Build::new();
     if !is_open {
@@ -374,8 +374,8 @@ fn shade_points() -> Vec<SurfacePoint> {
 }
 
 /// Patches of 1 m² lie on both sides of a sunbeam that the bake has not seen, elements of a sixth of that less so.
-/// Half of the points are within 6.8 %; where elements gather from patches, within 9.9 %. Nine of ten are within 42 %: they
-/// were within 40 % before the floor was cut at the foot of the screen, which gives other samples.
+/// Half of the points are within 6.8 %; where elements gather from patches, within 9.9 %. Nine of ten are within 42 %:
+/// they were within 40 % before the floor was cut at the foot of the screen, which gives other samples.
 #[test]
 fn sunbeam_that_the_bake_has_not_seen() {
     let mut build = slit();
@@ -487,7 +487,8 @@ fn luminaire_of_clusters() {
     check_luminaire(PatchKind::Cluster).unwrap();
 }
 
-/// A room with a white wall, in front of it a bar of another albedo, 15 mm wide: narrower than the distance between samples.
+/// A room with a white wall, in front of it a bar of another albedo, 15 mm wide: narrower than the distance between
+/// samples.
 fn bar(albedo: f32) -> Build {
     let mut b = Build::new();
     b.cuboid(vec3(-2.0, 0.0, -2.0), vec3(2.0, 2.5, 2.0)).lamp(vec3(0.5, 1.9, 0.3));
@@ -517,8 +518,8 @@ fn poster(distance: Option<f32>) -> Build {
     b
 }
 
-/// A sheet of the wall's own albedo that hardly stands off it changes nothing that is seen: neither it nor the wall round
-/// it takes the darkness from between them.
+/// A sheet of the wall's own albedo that hardly stands off it changes nothing that is seen: neither it nor the wall
+/// round it takes the darkness from between them.
 fn check_poster(kind: PatchKind) {
     let seen = |distance: Option<f32>| {
         let mut baked = Baked::of_size(&poster(distance), kind, COUNT, 4 * SIZE);

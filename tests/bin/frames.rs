@@ -1,6 +1,7 @@
-//! `cargo run --release -p integration-tests --bin frames -- COUNT [FIRST]`: renders so many frames with random lights, cameras,
-//! methods, materials and sizes, on the processor and on the best Vulkan device with the validation layer watching, and fails
-//! where something is wrong with one ([`integration_tests::frames`]). FIRST changes every random number.
+//! `cargo run --release -p integration-tests --bin frames -- COUNT [FIRST]`: renders so many frames with random lights,
+//! cameras, methods, materials and sizes, on the processor and on the best Vulkan device with the validation layer
+//! watching, and fails where something is wrong with one ([`integration_tests::frames`]). FIRST changes every random
+//! number.
 
 use std::process::ExitCode;
 

@@ -1,6 +1,6 @@
-//! `cargo run --release -p integration-tests --bin mutate -- COUNT [FIRST]`: reads that many damaged files of every format, from
-//! number FIRST on, and prints those that make a reader panic, hang or take too much memory. A worker process reads them, and another
-//! goes on where one dies: a file may end it by a signal, too.
+//! `cargo run --release -p integration-tests --bin mutate -- COUNT [FIRST]`: reads that many damaged files of every
+//! format, from number FIRST on, and prints those that make a reader panic, hang or take too much memory. A worker
+//! process reads them, and another goes on where one dies: a file may end it by a signal, too.
 
 use std::collections::BTreeMap;
 use std::io::{BufRead as _, BufReader, Write as _};
@@ -8,9 +8,9 @@ use std::process::{Command, ExitCode, Stdio};
 use std::sync::mpsc::{self, RecvTimeoutError};
 use std::time::Duration;
 
-use integration_tests::mutate::{Corpus, MOST_TIME, Outcome};
+use integration_tests::mutate::{Corpus, MAX_TIME, Outcome};
 
-/// What tells a worker from the program itself.
+/// Mark that tells a worker from the program itself.
 const WORKER: &str = "worker";
 /// Time after which a worker that says nothing hangs: it makes the sound files first, and the machine may be busy.
 const SILENCE: Duration = Duration::from_secs(60);
@@ -73,7 +73,7 @@ fn supervise(first: u32, count: u32) -> ExitCode {
         let end_of_worker = loop {
             let line = match lines.recv_timeout(SILENCE) {
                 Ok(line) => line,
-                Err(RecvTimeoutError::Timeout) => break format!("it takes more than {} s", MOST_TIME.as_secs()),
+                Err(RecvTimeoutError::Timeout) => break format!("it takes more than {} s", MAX_TIME.as_secs()),
                 Err(RecvTimeoutError::Disconnected) => break String::from("it ends the process"),
             };
             if let Some((number, name)) = line.split_once(' ').and_then(|(k, name)| Some((k.parse().ok()?, name))) {

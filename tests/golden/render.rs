@@ -49,21 +49,21 @@ pub struct Pixels {
     pub values: Vec<[f32; 3]>,
 }
 
-/// What a frame shows; streaming worlds do not separate indirect light.
+/// Content of a frame; streaming worlds do not separate indirect light.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FramePixels {
     pub full: Pixels,
     pub indirect: Option<Pixels>,
 }
 
-/// What runs the kernels.
+/// Device that runs the kernels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Device {
     Cpu,
     Lavapipe,
 }
 
-/// How light goes from patch to patch.
+/// Method for light from patch to patch.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Method {
     Classic,
@@ -150,7 +150,7 @@ impl Method {
         }
     }
 
-    /// Whether it has no kernels, so that its pictures are the processor's on every device.
+    /// Returns true if it has no kernels, so that its pictures are the processor's on every device.
     pub fn is_of_host(self) -> bool {
         self == Self::PathTracing
     }

@@ -140,7 +140,7 @@ fn of_device<'a>(entries: &'a [Entry], device: &str) -> Vec<&'a Entry> {
     entries.iter().filter(|entry| entry.devices.iter().any(|name| name == device)).collect()
 }
 
-/// Where the frames of an entry first differ.
+/// First difference of the frames of an entry.
 fn first_difference(found: &Entry, expected: &Entry) -> String {
     let mut parts = Vec::new();
     for (name, ours, theirs) in
@@ -157,7 +157,7 @@ fn first_difference(found: &Entry, expected: &Entry) -> String {
     parts.join("; ")
 }
 
-/// What of the processor decides the order of sums: the widest vectors that dense products use.
+/// The processor's features that decide the order of sums: the widest vectors that dense products use.
 pub fn processor() -> String {
     #[cfg(target_arch = "x86_64")]
     {

@@ -17,13 +17,13 @@ use crate::setup::Setup;
 /// Scenes that frames are of, in turn.
 const SCENES: [&str; 3] = ["cornell", "office", "rooms"];
 /// Most lights.
-const MOST_LIGHTS: u32 = 24;
+const MAX_LIGHTS: u32 = 24;
 /// Sizes of pictures, pixels.
 const SIZES: [(u32, u32); 3] = [(16, 12), (23, 9), (8, 8)];
 /// Frames after which it is asked whether a fresh start gives the same, and how much memory there is.
 pub const CHECK: u32 = 250;
 
-/// What the frames of a scene came to.
+/// Results of the frames of a scene.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Outcome {
     /// Frames of each kind of change: light, camera, emission and sky, method, albedo, size, receivers.
@@ -52,8 +52,8 @@ struct Frames<'a> {
 /// Renders frames `first..first + count`, on executors that `open` makes, all scenes in turn; says what came of each.
 ///
 /// # Errors
-/// What went wrong in which frame: what the library says, the validation layer among it, a picture that is not finite, or one
-/// that differs from a fresh start's.
+/// What went wrong in which frame: what the library says, the validation layer among it, a picture that is not finite,
+/// or one that differs from a fresh start's.
 pub fn run(
     first: u32,
     count: u32,
@@ -189,7 +189,7 @@ impl<'a> Frames<'a> {
         let count = self.lighting.lights.len();
         let index = (self.random(11) * count as f32) as usize;
         match (self.random(12), count) {
-            (x, _) if x < 0.3 && count < MOST_LIGHTS as usize => self.lighting.lights.push(light),
+            (x, _) if x < 0.3 && count < MAX_LIGHTS as usize => self.lighting.lights.push(light),
             (x, 1..) if x < 0.5 => {
                 self.lighting.lights.remove(index);
             }

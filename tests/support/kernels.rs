@@ -71,7 +71,7 @@ impl Bytes {
     }
 }
 
-/// What is bound at one place.
+/// Data bound at one place.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Data {
     /// A storage buffer.
@@ -224,7 +224,8 @@ fn view(count: u32, first_quad: u32) -> ViewParams {
     ViewParams { count, first_quad, view: VIEW, light: LIGHT }
 }
 
-/// A heap of triangles over a floor with textures, holes, emission, mirrors and glass, all kinds of lights and a sky map.
+/// A heap of triangles over a floor with textures, holes, emission, mirrors and glass, all kinds of lights and a sky
+/// map.
 pub fn small_scene() -> Scene {
     let mut r = Random(0);
     let plain = Material { albedo: Vec3::new(0.7, 0.5, 0.3), ..Material::default() };
@@ -436,8 +437,8 @@ fn scene_tables(scene: &Scene) -> Tables {
     ]
 }
 
-/// The product with some rows of blocks of a format, as a buffer or as an image: blocks of random bits, in all modes of the
-/// format, each codec with another companding.
+/// The product with some rows of blocks of a format, as a buffer or as an image: blocks of random bits, in all modes of
+/// the format, each codec with another companding.
 pub fn block_input(codec: BlockCodec, image: Option<ImageFormat>) -> Input {
     let mut r = Random(20_000 + codec.block_words() as u32);
     let kernel = match (codec, image) {
@@ -456,8 +457,8 @@ fn call<P: Pod>(elements: u32, push: P, tables: Tables) -> (u32, Vec<u8>, Tables
     (elements, bytemuck::bytes_of(&push).to_vec(), tables)
 }
 
-/// Light of rectangles and emitters at a band of pixels, in the third of four fixed sub-frames. Emitters count by groups, though
-/// they are few.
+/// Light of rectangles and emitters at a band of pixels, in the third of four fixed sub-frames. Emitters count by
+/// groups, though they are few.
 fn large_light(r: &mut Random, name: &str, scene: &Scene) -> (u32, Vec<u8>, Tables) {
     let (width, height) = (33, 31);
     let camera = Camera::look_at(Vec3::new(1.7, 1.2, 1.9), Vec3::splat(0.4), Vec3::Y, 55.0, width, height);
@@ -536,7 +537,7 @@ fn large_light(r: &mut Random, name: &str, scene: &Scene) -> (u32, Vec<u8>, Tabl
     }
 }
 
-/// What pixels show by way of mirrors and through glass.
+/// Specular paths of pixels, by way of mirrors and through glass.
 fn chains(r: &mut Random, name: &str, scene: &Scene) -> (u32, Vec<u8>, Tables) {
     let camera = Camera::look_at(Vec3::new(1.7, 1.2, 1.9), Vec3::splat(0.4), Vec3::Y, 55.0, 33, 31);
     let count = 33 * 21;

@@ -1,9 +1,9 @@
 //! Damaged files of every format that is read: seeded, so that each can be made again from its number.
 //!
-//! A mutant is one of the sound files of [`Corpus`] with up to four changes: bits flipped, bytes cut, doubled, spliced from another
-//! file, numbers made huge, negative or no numbers, counts and indices changed, brackets nested, headers made to promise
-//! gigabytes. Where a format has checksums, every other mutant has them made right again, so that what is behind them is
-//! reached.
+//! A mutant is one of the sound files of [`Corpus`] with up to four changes: bits flipped, bytes cut, doubled, spliced
+//! from another file, numbers made huge, negative or no numbers, counts and indices changed, brackets nested, headers
+//! made to promise gigabytes. Where a format has checksums, every other mutant has them made right again, so that what
+//! is behind them is reached.
 
 use std::io::Cursor;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -28,15 +28,15 @@ use scene::sampling::hash3;
 use crate::glb::glb;
 
 /// Longest time that a file may take.
-pub const MOST_TIME: Duration = Duration::from_secs(5);
+pub const MAX_TIME: Duration = Duration::from_secs(5);
 /// Bytes of memory that a file may take, for each of its own.
 pub const MEMORY_A_BYTE: u64 = 4;
 /// And beside that.
 pub const MEMORY: u64 = 256 << 20;
-/// What loaders are given of it, for triangles and for texels.
+/// Options of loaders, for triangles and for texels.
 const OPTIONS: LoadOptions = LoadOptions { texel_budget: 32 << 20, memory_limit: Some(160 << 20) };
 /// Greatest size to which a mutant grows.
-const MOST_BYTES: usize = 1 << 20;
+const MAX_BYTES: usize = 1 << 20;
 
 const OBJ: &str = "mtllib a.mtl\nmtllib b.mtl\nv 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nv 0.5 0.5 1 1\nvt 0 0\nvt 1 0\nvt 1 1\n\
                    vn 0 0 1\no wall\nusemtl m\nf 1/1 2/2 3/3\nf 1/1/1 3/3/1 4\ng roof\nusemtl n\nf -1 -2 -3 -4\nl 1 2\np 3\n";
@@ -62,7 +62,8 @@ const LAMP: &str = "version = 1\nmesh = \"a.obj\"\n\n[[light]]\ntype = \"luminai
 /// Bytes that mean something in texts.
 const SIGNS: &[u8] = b"0-9/ \n.e\"[]{}n\xff\0,:\r\\";
 
-/// The JSON of a glTF file: two nodes that show one mesh, a camera, a light, a material with a picture in a buffer view.
+/// The JSON of a glTF file: two nodes that show one mesh, a camera, a light, a material with a picture in a buffer
+/// view.
 const GLTF: &str = r#"{"asset":{"version":"2.0"},"extensionsUsed":["KHR_lights_punctual"],"scene":0,
 "scenes":[{"nodes":[0,2,3]}],
 "nodes":[{"mesh":0,"name":"leaf","children":[1]},{"mesh":0,"translation":[0,1,0],"scale":[1,2,1]},
@@ -94,7 +95,7 @@ pub struct Corpus {
     files: Vec<Sound>,
 }
 
-/// What came of a damaged file.
+/// Result of reading a damaged file.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Outcome {
     /// It was read.
@@ -260,7 +261,7 @@ impl Corpus {
         let most = MEMORY + MEMORY_A_BYTE * bytes.len() as u64;
         match result {
             Err(_) => Outcome::Fault(String::from("it panics")),
-            Ok(_) if time > MOST_TIME => Outcome::Fault(format!("it takes {:.1} s", time.as_secs_f64())),
+            Ok(_) if time > MAX_TIME => Outcome::Fault(format!("it takes {:.1} s", time.as_secs_f64())),
             Ok(_) if taken > most => Outcome::Fault(format!("it takes {} MB of memory", taken >> 20)),
             Ok(Ok(())) => Outcome::Read,
             Ok(Err(message)) => Outcome::Refused(message),
@@ -299,7 +300,7 @@ impl Corpus {
             6 => {
                 let end = (at + 1 + random.below(64)).min(bytes.len());
                 let part = bytes[at..end].to_vec();
-                let most = MOST_BYTES.saturating_sub(bytes.len()) / part.len();
+                let most = MAX_BYTES.saturating_sub(bytes.len()) / part.len();
                 let times = if random.below(8) == 0 { 1 << random.below(14) } else { 1 };
                 bytes.splice(at..at, part.repeat(times.min(most)));
             }
@@ -440,7 +441,8 @@ fn bake_scene(loaded: &LoadedScene, path: &Path) -> Vec<u8> {
     std::fs::read(path).expect("a bake")
 }
 
-/// Makes the checksums of the header and the sections of a scene's bake right, as far as they are where the headers say.
+/// Makes the checksums of the header and the sections of a scene's bake right, as far as they are where the headers
+/// say.
 fn sign_sections(bytes: &mut [u8]) {
     const HEADER: usize = 56;
     const SECTION: usize = 24;

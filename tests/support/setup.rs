@@ -1,4 +1,4 @@
-//! What a test bakes and renders with, in one place.
+//! Settings that a test bakes and renders with, in one place.
 
 use std::sync::Arc;
 
@@ -15,7 +15,7 @@ use runtime::executor::Executor;
 /// Settings of a bake and of its pictures.
 #[derive(Clone, Copy, Debug)]
 pub struct Setup {
-    /// What patches are.
+    /// Kind of patches.
     pub patches: PatchKind,
     /// About how many patches.
     pub patch_count: usize,
@@ -25,7 +25,7 @@ pub struct Setup {
     pub estimator: Estimator,
     /// Bounces; all without.
     pub bounces: Option<u32>,
-    /// Where irradiance is gathered.
+    /// Points where irradiance is gathered.
     pub receivers: ReceiverKind,
     /// Most receivers.
     pub most_receivers: Option<usize>,
@@ -33,15 +33,15 @@ pub struct Setup {
     pub receiver_rays: u32,
     /// Changes every random number.
     pub seed: u32,
-    /// How light goes between patches.
+    /// Method for light between patches.
     pub method: MethodSettings,
-    /// What decodes texture blocks.
+    /// Decoder of texture blocks.
     pub decode: Decode,
     /// Sub-frames a picture.
     pub sub_frames: u32,
     /// Which receivers an update computes.
     pub receivers_updated: ReceiverUpdate,
-    /// How pixels find direct light.
+    /// Method for direct light at pixels.
     pub direct: PixelLight,
     /// Picture size, pixels.
     pub size: (u32, u32),

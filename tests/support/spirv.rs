@@ -52,7 +52,7 @@ pub mod storage {
     pub const STORAGE_BUFFER: u32 = 12;
 }
 
-/// Whether `NoContraction` may stand on this operation: float arithmetic.
+/// Returns true if `NoContraction` may stand on this operation: float arithmetic.
 pub fn is_float_arithmetic(operation: u32) -> bool {
     matches!(operation, 127 | 129 | 131 | 133 | 136 | 140..=148)
 }
@@ -77,7 +77,7 @@ pub struct Resource {
     pub class: u32,
     /// Type that the variable points to.
     pub pointee: u32,
-    /// Whether it is declared never to be written.
+    /// True if it is declared never to be written.
     pub non_writable: bool,
 }
 

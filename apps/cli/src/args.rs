@@ -37,14 +37,14 @@ use crate::world::{Merge, World};
         patchlight devices                           what can run the kernels"
 )]
 pub struct Cli {
-    /// What to do; without a command, the demo.
+    /// Command; without one, the demo.
     #[command(subcommand)]
     pub command: Option<Command>,
     #[command(flatten)]
     pub common: Common,
 }
 
-/// What goes to another program as it stands.
+/// Arguments passed on to another program.
 #[derive(Args, Debug)]
 pub struct Forwarded {
     /// Arguments of that program.
@@ -102,9 +102,10 @@ pub enum Command {
     },
     /// List the devices that can run the kernels.
     Devices,
-    /// Say what a scene file holds: triangles, areas, materials, lights, memory; with --patches also what patches it gives, with
-    /// --operator what the operator of the light between them takes and loses. Or what a bake holds, which is checked: its
-    /// sections and their bytes, settings, scene, and whether that has changed since.
+    /// Say what a scene file holds: triangles, areas, materials, lights, memory; with --patches also what patches it
+    /// gives, with
+    /// --operator what the operator of the light between them takes and loses. Or what a bake holds, which is checked:
+    /// its sections and their bytes, settings, scene, and whether that has changed since.
     #[command(after_help = "Examples:\n  patchlight info sponza.toml\n  patchlight info sponza.bake\n  \
         patchlight info atrium:50000 --json\n  patchlight info sponza.toml --patches axis --patch-count 10000\n  \
         patchlight info atrium --operator --codec bc1 --out out/matrix")]
@@ -128,11 +129,11 @@ pub enum Command {
     },
 }
 
-/// How pixels find direct light of sky, rectangles and emissive triangles.
+/// Method for direct light of sky, rectangles and emissive triangles at pixels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum DirectLight {
-    /// Without noise: the sky at the receivers; the others exactly where nothing is in the way, times what shadow rays of a
-    /// fixed pattern see. With receivers on the mesh only, else sampled.
+    /// Without noise: the sky at the receivers; the others exactly where nothing is in the way, times what shadow rays
+    /// of a fixed pattern see. With receivers on the mesh only, else sampled.
     Smooth,
     /// By random rays in each sub-frame.
     Sampled,
@@ -143,15 +144,16 @@ pub enum DirectLight {
 pub struct Render {
     /// A scene file (.toml, .obj, .gltf, .glb), a bake, or a built-in scene.
     ///
-    /// Built-in scenes may have parameters, as in atrium:20000 or rooms:wall=0.1,ground=1000: `patchlight scene --help` lists
-    /// them.
+    /// Built-in scenes may have parameters, as in atrium:20000 or rooms:wall=0.1,ground=1000: `patchlight scene --help`
+    /// lists them.
     pub scene: String,
-    /// How the light is found [default: tiles].
+    /// Method for indirect light [default: tiles].
     ///
-    /// In a medium the default is firstshot, in the bake of a world local, and of other bakes the method that they are for.
+    /// In a medium the default is firstshot, in the bake of a world local, and of other bakes the method that they are
+    /// for.
     #[arg(long, value_enum, hide_default_value = true, default_value_t = Method::Tiles, help_heading = "Method")]
     pub method: Method,
-    /// Whether the command line names it.
+    /// True if the command line names it.
     #[arg(skip)]
     pub is_method_given: bool,
     /// Frames; with more than one the lights move.
@@ -159,7 +161,7 @@ pub struct Render {
     /// frames.csv and report.html then say what each frame measured.
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=100_000), help_heading = "Light")]
     pub frames: u32,
-    /// How lights move.
+    /// Motion of the lights.
     #[arg(long, value_enum, default_value_t = Animate::Path, help_heading = "Light")]
     pub animate: Animate,
     /// Also find the light of each frame by exact products, and write the error of each into frames.csv (not path).
@@ -169,7 +171,7 @@ pub struct Render {
     pub temporal: TemporalOptions,
     #[command(flatten)]
     pub local: LocalArgs,
-    /// How the camera moves.
+    /// Motion of the camera.
     ///
     /// Lights then move as --animate says, but for a camera of their path.
     #[arg(long, value_enum, help_heading = "Picture")]
@@ -184,17 +186,18 @@ pub struct Render {
     pub bake: BakeOptions,
     #[command(flatten)]
     pub operators: OperatorSettings,
-    /// What bakes.
+    /// Device that bakes.
     ///
-    /// auto takes the device if it is a graphics processor. What bakes traces the rays and random walks of the bake, and builds the operator between patches (multibounce, tiles).
+    /// auto takes the device if it is a graphics processor. What bakes traces the rays and random walks of the bake,
+    /// and builds the operator between patches (multibounce, tiles).
     #[arg(long, value_enum, default_value_t = BuildPlace::Auto, help_heading = "Device")]
     pub build_on: BuildPlace,
-    /// What decodes texture blocks on a Vulkan device (multibounce with --codec bc1, bc3, bc6h, bc7).
+    /// Decoder of texture blocks on a Vulkan device (multibounce with --codec bc1, bc3, bc6h, bc7).
     #[arg(long, value_enum, default_value_t, help_heading = RESEARCH)]
     pub decode: Decoding,
     #[command(flatten)]
     pub methods: MethodOptions,
-    /// How pixels find direct light of large lights and the sky.
+    /// Method for direct light of large lights and the sky at pixels.
     #[arg(long, value_enum, default_value_t = DirectLight::Smooth, help_heading = "Picture")]
     pub direct: DirectLight,
     /// Folder with full.exr, indirect.exr and points.csv to compare with.
@@ -207,7 +210,8 @@ pub struct Render {
     /// (classic).
     #[arg(long, help_heading = RESEARCH)]
     pub debug: bool,
-    /// Also write the frame graph in Graphviz' language: passes with their times, buffers with sizes and lifetimes, barriers.
+    /// Also write the frame graph in Graphviz' language: passes with their times, buffers with sizes and lifetimes,
+    /// barriers.
     #[arg(long, value_name = "FILE", help_heading = RESEARCH)]
     pub graph: Option<PathBuf>,
     /// Continue an interrupted path-traced picture in the same folder.
@@ -220,7 +224,7 @@ pub struct Render {
 pub struct Compare {
     /// Our picture (EXR, HDR or PNG).
     pub ours: PathBuf,
-    /// What it should be.
+    /// Picture to compare with.
     pub reference: PathBuf,
     /// Picture whose black pixels are left out.
     #[arg(long)]
@@ -228,14 +232,15 @@ pub struct Compare {
     /// Exposure before tone mapping, in stops; without it 0.18 over the reference's log-average.
     #[arg(long, allow_hyphen_values = true)]
     pub stops: Option<f32>,
-    /// Write a picture of the difference: red where ours is brighter, blue where it is darker, white where equal, by up to half of
-    /// the reference.
+    /// Write a picture of the difference: red where ours is brighter, blue where it is darker, white where equal, by up
+    /// to half of the reference.
     #[arg(long)]
     pub difference: Option<PathBuf>,
     /// Make that the absolute difference times this, exposed as the pictures are: black where equal.
     #[arg(long, value_name = "FACTOR", requires = "difference", value_parser = parse_gain)]
     pub difference_gain: Option<f32>,
-    /// Standard error of the reference as a picture; differences of at most three of them are no leaks, stains or blotches.
+    /// Standard error of the reference as a picture; differences of at most three of them are no leaks, stains or
+    /// blotches.
     #[arg(long, value_name = "PICTURE")]
     pub reference_error: Option<PathBuf>,
     /// The reference's indirect light, by whose mean leaks are measured [default: the reference].

@@ -26,9 +26,9 @@ use shell::opened::{Opened, build, is_younger, open_device, operator_of, options
 use shell::output;
 use shell::progress::{Progress, continue_in, interruptible};
 
-/// Bake a scene into a file: patches, form factors, receivers, and the operators of the methods that are named. `render` then
-/// begins with the first frame, by any method that needs no operator or whose operator is there. Goes on where an interrupted
-/// run of the same ended; the bytes are the same for any number of threads.
+/// Bake a scene into a file: patches, form factors, receivers, and the operators of the methods that are named.
+/// `render` then begins with the first frame, by any method that needs no operator or whose operator is there. Goes on
+/// where an interrupted run of the same ended; the bytes are the same for any number of threads.
 #[derive(Args, Clone, Debug)]
 #[command(after_help = "Examples:\n  \
     patchlight bake sponza.toml --patch-count 10000 -o sponza.bake\n  \
@@ -40,8 +40,8 @@ use shell::progress::{Progress, continue_in, interruptible};
 pub struct Bake {
     /// A scene file (.toml, .obj, .gltf, .glb) or a built-in scene.
     pub scene: String,
-    /// Methods that the file is for: tiles, multibounce and feedback have operators, which take time to make; all others need
-    /// nothing but what every bake has.
+    /// Methods that the file is for: tiles, multibounce and feedback have operators, which take time to make; all
+    /// others need nothing but what every bake has.
     #[arg(long = "for", value_name = "METHODS", value_delimiter = ',', default_value = "tiles", value_parser = parse_purpose, help_heading = "Method")]
     pub methods: Vec<Method>,
     #[command(flatten)]
@@ -166,14 +166,15 @@ fn file_bytes(path: &Path) -> Result<u64, Error> {
     Ok(std::fs::metadata(path).map_err(read)?.len())
 }
 
-/// What commands that write light take.
+/// Options of commands that write light.
 #[derive(Args, Clone, Debug)]
 pub struct LightOptions {
     /// A scene file (.toml, .obj, .gltf, .glb), a built-in scene, or the bake of one.
     pub scene: String,
     #[command(flatten)]
     pub patches: PatchOptions,
-    /// Most resident memory: bytes, or with K, M or G. What would take more is refused before it is begun [default: what is free].
+    /// Most resident memory: bytes, or with K, M or G. What would take more is refused before it is begun [default:
+    /// what is free].
     #[arg(long, value_parser = parse_bytes)]
     pub memory_limit: Option<u64>,
 }
@@ -189,8 +190,8 @@ pub struct Lightable {
 }
 
 impl Lightable {
-    /// Opens a bake, or makes that of a scene. Results go to `--out`, or to a folder with the name of the scene and of the
-    /// command.
+    /// Opens a bake, or makes that of a scene. Results go to `--out`, or to a folder with the name of the scene and of
+    /// the command.
     ///
     /// # Errors
     /// What is wrong with the file or the device; [`Error::WorldLight`]; cancellation.
@@ -213,8 +214,8 @@ impl Lightable {
     }
 }
 
-/// Where a bake on a device of this kind builds operators: there, if it was asked for by name, else if it is a graphics processor
-/// that is large enough.
+/// Place where a bake on a device of this kind builds operators: there, if it was asked for by name, else if it is a
+/// graphics processor that is large enough.
 fn operators_on(common: &Common, kind: DeviceKind) -> BuildOn {
     match (DeviceChoice::parse(&common.device), kind) {
         (_, DeviceKind::Native) => BuildOn::Host,
@@ -272,7 +273,7 @@ struct Info {
     receivers: usize,
     interpolation_points: usize,
     bounces: u32,
-    /// What the bake says of its own errors.
+    /// The bake's estimate of its own errors.
     #[serde(skip_serializing_if = "Option::is_none")]
     energy: Option<EnergyCheck>,
     sections: Vec<Part>,

@@ -21,7 +21,7 @@ struct Comparison {
     faults: PictureFaults,
 }
 
-/// What a person sees wrong, in shares of pixels.
+/// Visible faults, in shares of pixels.
 #[derive(Serialize)]
 struct PictureFaults {
     #[serde(flatten)]

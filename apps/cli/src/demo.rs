@@ -35,7 +35,7 @@ use shell::report::{Comparison, Figure, FrameGraph, Plot, Section, Series, Table
 use shell::sequence::frame_time;
 use shell::summary::{PassTimes, PhotonCounts, Summary};
 
-/// How much the demo does.
+/// Amount of work of the demo.
 struct Effort {
     size: (u32, u32),
     frames: u32,
@@ -128,7 +128,7 @@ const LOCAL: LocalSettings = LocalSettings { slots: 1024, ..LocalSettings::DEFAU
 const TEMPORAL: TemporalSettings =
     TemporalSettings { settings: Settings::DEFAULT, rows: RowKind::Lists, sampled: Sampled::Patches };
 
-/// What one scene gave.
+/// Results of one scene.
 struct Outcome {
     /// One a method.
     summaries: Vec<Summary>,
@@ -141,7 +141,7 @@ type Times = Vec<(String, Vec<f64>)>;
 /// A checked frame, errors of all and of indirect light.
 type Errors = (u32, PictureErrors, PictureErrors);
 
-/// What a method gave.
+/// Results of a method.
 struct Run {
     times: Times,
     /// Pictures of the checked frames.
@@ -220,7 +220,7 @@ pub fn run(common: &Common, args: Demo) -> Result<(), Error> {
     Ok(())
 }
 
-/// What each method is for.
+/// Purpose of each method.
 fn purposes() -> Section {
     let line = |method: &Method| format!("{} (--method {}): {}.", method.title, method.name, method.purpose);
     let text = METHODS.iter().map(line).collect();
@@ -267,7 +267,7 @@ fn one_scene(
 }
 
 impl Effort {
-    /// Whether a frame is path traced: some at even distances, the last one among them.
+    /// Returns true if a frame is path traced: some at even distances, the last one among them.
     fn is_checked(&self, frame: u32) -> bool {
         frame * self.checked / self.frames != (frame + 1) * self.checked / self.frames
     }
@@ -397,7 +397,7 @@ impl Show<'_> {
         }
     }
 
-    /// What the report shows of the scene.
+    /// Section of the report on a scene.
     fn section(&self, runs: &[Run], checked: &[Checked], shared: &[(String, f64)]) -> Result<Section, Error> {
         let Self { effort, loaded, out, .. } = *self;
         let [classic, ..] = runs else { return Err(Error::Cancelled) };

@@ -69,7 +69,7 @@ pub struct Export {
     /// Frames; with more than one the scene's lights move.
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=100_000))]
     pub frames: u32,
-    /// How lights move from frame to frame [default: path].
+    /// Motion of the lights from frame to frame [default: path].
     #[arg(long, value_enum, requires = "frames")]
     pub animate: Option<Animate>,
 }
@@ -109,7 +109,7 @@ impl Export {
     }
 }
 
-/// Where light is asked for.
+/// Points where light is asked for.
 struct Places {
     /// Sides with receivers, in the order of their triangles.
     sides: Vec<(u32, bool)>,
@@ -120,7 +120,7 @@ struct Places {
     texture: bool,
 }
 
-/// Where files are written.
+/// Destination of files.
 struct Files<'a> {
     loaded: &'a LoadedScene,
     folder: &'a Path,

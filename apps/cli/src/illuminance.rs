@@ -70,7 +70,7 @@ pub struct Illuminance {
     pub size: (u32, u32),
 }
 
-/// What summary.json says.
+/// Contents of summary.json.
 #[derive(Serialize)]
 struct Report {
     scene: String,

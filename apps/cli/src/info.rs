@@ -46,7 +46,7 @@ struct Info {
     operator: Option<operator::Operator>,
 }
 
-/// What patches a scene gives.
+/// Patches of a scene.
 #[derive(Serialize)]
 struct Patches {
     kind: &'static str,
@@ -59,7 +59,7 @@ struct Patches {
     sample_points: usize,
     patches: usize,
     elements: usize,
-    /// Of all patches, and of both sides of all triangles.
+    /// Area of all patches, and of both sides of all triangles.
     area_m2: f64,
     surface_sides_m2: f64,
     min_area_m2: f32,

@@ -35,7 +35,8 @@ use shell::progress::Progress;
 
 use args::{Cli, Command, idle};
 
-/// Runs the command that the process was started with. Exit code 0, 1 for an error, 2 for wrong usage, 130 after Ctrl-C.
+/// Runs the command that the process was started with. Exit code 0, 1 for an error, 2 for wrong usage, 130 after
+/// Ctrl-C.
 fn main() -> ExitCode {
     let (cli, matches) = shell::args::read::<Cli>();
     match cli.command {

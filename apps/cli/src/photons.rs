@@ -1,4 +1,4 @@
-//! What photons have registered, as files: a table of the patches, the mesh with the light of its corners, the maps.
+//! Registered photons as files: a table of the patches, the mesh with the light of its corners, the maps.
 
 use std::fmt::Write as _;
 use std::io::Write as _;
@@ -19,9 +19,10 @@ const MAP_WIDTH: usize = 1024;
 
 /// Writes into a folder that exists: `patches.csv` (centroid, normal, area, indirect irradiance and the standard
 /// error of its luminance), `vertices.ply` (each triangle
-/// with its own corners, metres, and their indirect irradiance on the front and on the back), `maps.exr` (indirect irradiance
-/// of the cells of the illumination maps, cell k in column k mod 1024 of row k / 1024) and `maps.csv` (object and number in its
-/// file of each triangle, its divisions n and first cell: n² on the front, in rows of equal v, then n² on the back).
+/// with its own corners, metres, and their indirect irradiance on the front and on the back), `maps.exr` (indirect
+/// irradiance of the cells of the illumination maps, cell k in column k mod 1024 of row k / 1024) and `maps.csv`
+/// (object and number in its file of each triangle, its divisions n and first cell: n² on the front, in rows of equal
+/// v, then n² on the back).
 ///
 /// # Errors
 /// Names the file that cannot be written.

@@ -36,7 +36,7 @@ use shell::sequence::{Movement, Sequence, Shot, light_update_ms};
 use shell::summary::{LightUpdate, PassTimes, PhotonCounts, Summary};
 
 /// Most sub-frames with which frames update only the receivers in view.
-const MOST_SUB_FRAMES_IN_VIEW: u32 = 2;
+const MAX_SUB_FRAMES_IN_VIEW: u32 = 2;
 /// Paths a point when a reference asks for irradiance at points.
 const POINT_PATHS: u32 = 4096;
 /// Bytes of a pixel: sums of its light, a sample of it, and the parts of the picture as they are written.
@@ -89,7 +89,7 @@ pub fn run_bake(common: &Common, args: &mut Render) -> Result<(), Error> {
     render(common, args, &Subject { loaded, bake: Some(Arc::new(bake)), method, seed }, &progress)
 }
 
-/// What can be refused before anything is read.
+/// Refuses what can be refused before anything is read.
 fn begin(common: &Common, args: &Render) -> Result<Progress, Error> {
     if args.method == Method::Path {
         common.native_only("render --method path")?;
@@ -98,13 +98,13 @@ fn begin(common: &Common, args: &Render) -> Result<Progress, Error> {
     Ok(Progress::new(common.quiet))
 }
 
-/// What is rendered, and how.
+/// Subject and settings of a rendering.
 struct Subject {
     loaded: LoadedScene,
     /// The bake, where there is one already.
     bake: Option<Arc<Bake>>,
     method: MethodSettings,
-    /// Of all random numbers.
+    /// Seed of all random numbers.
     seed: u32,
 }
 
@@ -155,17 +155,17 @@ fn render(common: &Common, args: &Render, subject: &Subject, progress: &Progress
     Ok(())
 }
 
-/// What is rendered.
+/// Subject of a rendering.
 struct Job<'a> {
     common: &'a Common,
     args: &'a Render,
     subject: &'a Subject,
     loaded: &'a LoadedScene,
-    /// Of pictures, pixels.
+    /// Size of pictures, pixels.
     size: (u32, u32),
     /// Folder of the results.
     out: &'a Path,
-    /// What pictures are compared with.
+    /// Pictures to compare with.
     data: Option<&'a ReferenceData>,
     progress: &'a Progress,
 }
@@ -307,7 +307,7 @@ impl Job<'_> {
         Movement::new(self.loaded, (args.animate, args.path), args.frames, self.progress)
     }
 
-    /// What decodes texture blocks, where there are any.
+    /// Decoder of texture blocks, where there are any.
     fn decode(&self) -> Decode {
         match self.subject.method {
             MethodSettings::Multibounce(Codec::Blocks(_)) => self.args.decode.decode(),
@@ -319,7 +319,7 @@ impl Job<'_> {
         let args = self.args;
         let sub_frames = args.spp.unwrap_or(16);
         // To see what is in view takes time in every sub-frame; many of them see all that a picture needs many times.
-        let receivers = match args.frames > 1 && sub_frames <= MOST_SUB_FRAMES_IN_VIEW {
+        let receivers = match args.frames > 1 && sub_frames <= MAX_SUB_FRAMES_IN_VIEW {
             true => ReceiverUpdate::InView,
             false => ReceiverUpdate::All,
         };

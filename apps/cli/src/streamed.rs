@@ -46,7 +46,8 @@ struct Report {
     /// Greatest change of displayed values at the same places that 99.9 % of the pixels stay below, in 255ths.
     #[serde(skip_serializing_if = "Option::is_none")]
     greatest_change: Option<f64>,
-    /// What displayed values lack of light that is still to come, 99 % of the pixels less: greatest, and in half of the frames.
+    /// Difference of displayed values from light that is still to come, 99 % of the pixels less: greatest, and in half
+    /// of the frames.
     #[serde(skip_serializing_if = "Option::is_none")]
     greatest_behind: Option<f64>,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -142,7 +143,7 @@ fn stream_settings(args: &Render, stops: f32) -> StreamSettings {
     }
 }
 
-/// What a loss means for the pictures.
+/// Consequence of a loss for the pictures.
 fn left_out(error: &str) -> String {
     format!("{error}; meanwhile its rows are left out, and the rest is used")
 }

@@ -10,7 +10,7 @@ use super::plan::{Format, Plan};
 use assets::import::LoadedScene;
 use patchlight::file::BakeKind;
 use patchlight::memory::peak_memory_bytes;
-use patchlight::world::{BakedWorld, Extra, LEAST_PATCHES, MOST_PATCHES, WorldSettings, bake_on, job_bytes, merge};
+use patchlight::world::{BakedWorld, Extra, MAX_PATCHES, MIN_PATCHES, WorldSettings, bake_on, job_bytes, merge};
 use runtime::executor::{DeviceChoice, open};
 use shell::Error;
 use shell::args::bake::parse_bytes;
@@ -22,11 +22,11 @@ use shell::progress::{Progress, continue_in, interruptible};
 
 /// Patches without --patch-count: one for so many triangles, within these bounds.
 const TRIANGLES_A_PATCH: usize = 20;
-const LEAST_BY_DEFAULT: usize = 4_000;
-const MOST_BY_DEFAULT: usize = 250_000;
+const MIN_BY_DEFAULT: usize = 4_000;
+const MAX_BY_DEFAULT: usize = 250_000;
 
-/// Bake a world of patches into a file that --method local reads as the camera moves. Goes on where an interrupted run of the
-/// same ended; the bytes are the same for any number of threads.
+/// Bake a world of patches into a file that --method local reads as the camera moves. Goes on where an interrupted run
+/// of the same ended; the bytes are the same for any number of threads.
 #[derive(Args, Clone, Debug)]
 #[command(after_help = "Examples:\n  \
     patchlight world city:5000000 -o city.bake\n  \
@@ -37,8 +37,8 @@ const MOST_BY_DEFAULT: usize = 250_000;
 pub struct World {
     /// A scene file (.toml, .obj, .gltf, .glb) or a built-in scene.
     pub scene: String,
-    /// About how many patches; the voxels' edge is then a power of two of a metre [default: a twentieth of the triangles, 4,000 to
-    /// 250,000].
+    /// About how many patches; the voxels' edge is then a power of two of a metre [default: a twentieth of the
+    /// triangles, 4,000 to 250,000].
     #[arg(long, conflicts_with = "voxel_size", value_parser = parse_patches)]
     pub patch_count: Option<usize>,
     /// Edge of the voxels, m.
@@ -53,8 +53,8 @@ pub struct World {
     /// Bake only part K of N; join them with `patchlight merge`.
     #[arg(long, value_name = "K/N", value_parser = parse_part)]
     pub part: Option<Part>,
-    /// Bake nothing, but write the jobs of a farm that bakes N parts and joins them, beside the file that --out names; it and
-    /// the scene must be where all workers see them.
+    /// Bake nothing, but write the jobs of a farm that bakes N parts and joins them, beside the file that --out names;
+    /// it and the scene must be where all workers see them.
     #[arg(long, value_name = "N", conflicts_with = "part", requires = "format", value_parser = clap::value_parser!(u32).range(1..=1000))]
     pub plan: Option<u32>,
     /// Who runs the jobs.
@@ -72,11 +72,11 @@ pub struct Merge {
 }
 
 fn parse_patches(text: &str) -> Result<usize, String> {
-    let range = LEAST_PATCHES..=MOST_PATCHES;
+    let range = MIN_PATCHES..=MAX_PATCHES;
     text.parse()
         .ok()
         .filter(|n| range.contains(n))
-        .ok_or_else(|| format!("`{text}` is no number from {LEAST_PATCHES} to {MOST_PATCHES}"))
+        .ok_or_else(|| format!("`{text}` is no number from {MIN_PATCHES} to {MAX_PATCHES}"))
 }
 
 fn parse_part(text: &str) -> Result<Part, String> {
@@ -96,7 +96,7 @@ struct Report {
     peak_memory_bytes: Option<u64>,
 }
 
-/// Whether a bake can be written there, and nothing but a bake be lost by it.
+/// Checks that a bake can be written there, and nothing but a bake be lost by it.
 pub fn check_file(path: &Path) -> Result<(), Error> {
     output::check_file(path)?;
     match path.exists() && !is_begun_as_bake(path)? {
@@ -115,7 +115,7 @@ pub fn run(common: &Common, args: &World) -> Result<(), Error> {
     }
     let progress = Progress::new(common.quiet);
     let loaded = output::import_within(&args.scene, Some(args.memory_limit), &progress)?;
-    let by_default = (loaded.file_triangles / TRIANGLES_A_PATCH).clamp(LEAST_BY_DEFAULT, MOST_BY_DEFAULT);
+    let by_default = (loaded.file_triangles / TRIANGLES_A_PATCH).clamp(MIN_BY_DEFAULT, MAX_BY_DEFAULT);
     let settings = WorldSettings {
         scene: args.scene.clone(),
         voxel_size: args.voxel_size,
@@ -144,7 +144,7 @@ pub fn run(common: &Common, args: &World) -> Result<(), Error> {
     Ok(())
 }
 
-/// What a plan says of itself.
+/// Summary of a plan.
 #[derive(Serialize)]
 struct PlanReport {
     file: PathBuf,
@@ -254,7 +254,7 @@ struct BakeInfo {
     lost_blocks: Vec<String>,
 }
 
-/// What the rows of a bake come to.
+/// Sums over the rows of a bake.
 #[derive(Default)]
 struct RowSums {
     rows: u64,

@@ -8,8 +8,8 @@ use reference::{Error as PictureError, Picture};
 const WORST: usize = 16;
 const FRAME: u32 = 2;
 const FRAME_COLOUR: Vec3 = Vec3::new(1.0, 0.02, 0.02);
-/// Two pictures × `scale` side by side, ours at the left, with frames round the 16 blocks of 8 × 8 pixels whose displayed
-/// means differ most (squared, all channels). To be shown without exposure.
+/// Two pictures × `scale` side by side, ours at the left, with frames round the 16 blocks of 8 × 8 pixels whose
+/// displayed means differ most (squared, all channels). To be shown without exposure.
 ///
 /// # Errors
 /// Pictures of different sizes.

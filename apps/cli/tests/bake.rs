@@ -1,5 +1,5 @@
-//! Bakes of scenes as a user meets them: the same pictures as without, the same bytes whatever interrupts them, and errors that
-//! say what is wrong.
+//! Bakes of scenes as a user meets them: the same pictures as without, the same bytes whatever interrupts them, and
+//! errors that say what is wrong.
 
 mod program;
 

@@ -1,4 +1,4 @@
-//! What must not happen to a user: panics, hangs, lost hours, settings that are ignored in silence.
+//! Faults that must not reach a user: panics, hangs, lost hours, settings that are ignored in silence.
 #![cfg(unix)]
 
 mod program;
@@ -13,7 +13,7 @@ use program::{command, fails, leftovers, run, succeeds, text};
 const SMALL: [&str; 10] =
     ["--size", "32x24", "--device", "cpu", "--quiet", "--spp", "1", "--rays", "64", "--patch-count=60"];
 
-/// How long what is told to stop may take before the test gives up: far more than it does, far less than the work.
+/// Time that the test gives to what is told to stop: far more than it needs, far less than the work.
 const PATIENCE: Duration = Duration::from_secs(60);
 
 /// The exit code of a program that was told to stop after a while.

@@ -1,4 +1,5 @@
-//! Bakes of worlds as a user meets them: the same bytes for any threads, parts and interruptions; what is wrong is named; pictures.
+//! Bakes of worlds as a user meets them: the same bytes for any threads, parts and interruptions; what is wrong is
+//! named; pictures.
 
 mod program;
 

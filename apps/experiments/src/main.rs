@@ -39,7 +39,8 @@ struct Cli {
     bench: Bench,
 }
 
-/// Runs the experiment that the process was started with. Exit code 0, 1 for an error, 2 for wrong usage, 130 after Ctrl-C.
+/// Runs the experiment that the process was started with. Exit code 0, 1 for an error, 2 for wrong usage, 130 after
+/// Ctrl-C.
 fn main() -> ExitCode {
     let (cli, _) = shell::args::read::<Cli>();
     shell::program::run(cli.common.threads, || bench::run(&cli.common, &cli.bench))

@@ -517,7 +517,8 @@ fn bench_spread_shows_jumps_and_flicker_of_naive_ways() {
         let row = rows.iter().find(|row| row["way"].as_str().unwrap().contains(way)).unwrap();
         row[key].as_f64().unwrap()
     };
-    // Light that is shown when it is done jumps further than any frame's own step; parts flicker where light is at rest.
+    // Light that is shown when it is done jumps further than any frame's own step; parts flicker where light is at
+    // rest.
     assert!(of("then shown", "jump_255") > 2.0 * of("all bounces", "jump_255"));
     assert!(of("of the columns", "flicker_255") > 10.0 && of("a product a frame", "flicker_255") < 0.01);
     // Samples of the change do neither, and are near what exact products give.

@@ -1,4 +1,4 @@
-//! What can go wrong in the programs, as the user sees it.
+//! Errors of the programs, as the user sees them.
 
 use std::path::PathBuf;
 
@@ -21,13 +21,13 @@ pub enum Error {
     Write {
         /// The file or folder.
         path: PathBuf,
-        /// What the system says.
+        /// Error from the operating system.
         source: std::io::Error,
     },
     /// Standard output could not be written.
     #[error("cannot write to standard output: {source}; files were written as asked, only the text is lost")]
     Print {
-        /// What the system says.
+        /// Error from the operating system.
         source: std::io::Error,
     },
     /// The bake of a world goes with one method.
@@ -50,7 +50,7 @@ pub enum Error {
         asked: String,
         /// Those that it has operators for.
         held: Vec<String>,
-        /// What `bake` needs to be told.
+        /// Options to give to `bake`.
         again: String,
     },
     /// The bake of a world where light is to be written.
@@ -73,7 +73,7 @@ pub enum Error {
     NoPath {
         /// The path.
         path: PathBuf,
-        /// What the system says.
+        /// Error from the operating system.
         source: std::io::Error,
     },
     /// A word that a job template would take for an expression.
@@ -114,7 +114,7 @@ pub enum Error {
     NoProgram {
         /// The program.
         name: &'static str,
-        /// What builds it.
+        /// Command that builds it.
         build: &'static str,
         /// Why not.
         reason: String,
@@ -124,7 +124,7 @@ pub enum Error {
     Threads {
         /// Threads asked for.
         threads: usize,
-        /// What the system says.
+        /// Message of the operating system.
         reason: String,
     },
     /// A picture with a pixel that is no number.
@@ -152,12 +152,12 @@ pub enum Error {
     /// A window that cannot be shown any longer.
     #[error(transparent)]
     Window(Box<dyn std::error::Error + Send + Sync>),
-    /// What cannot be done with a scene.
+    /// A scene that cannot be used.
     #[error("{scene}: {source}")]
     OfScene {
         /// The scene as the command line names it.
         scene: String,
-        /// What is wrong.
+        /// The underlying error.
         source: Box<Self>,
     },
     /// The user asked to stop.
@@ -166,7 +166,7 @@ pub enum Error {
 }
 
 impl Error {
-    /// Whether the user, or whoever watches, asked to stop.
+    /// Returns true if the user, or whoever watches, asked to stop.
     pub fn is_cancelled(&self) -> bool {
         match self {
             Self::Cancelled => true,
@@ -190,7 +190,7 @@ fn what_is_held(held: &[String]) -> String {
     }
 }
 
-/// What is wrong with a scene, and which option does what is advised.
+/// Fault of a scene, and the option that does what is advised.
 fn import_with_hint(error: &assets::ImportError) -> String {
     match error {
         assets::ImportError::Memory { .. } => format!("{error} (--memory-limit)"),
@@ -255,7 +255,7 @@ fn bake_hint(error: &localmatrix::BakeError) -> Option<String> {
     }
 }
 
-/// What the crates of the library say goes the same way as what the library says.
+/// Converts errors of the library's crates by way of the library's own.
 macro_rules! through_library {
     ($($error:ty),+) => {
         $(impl From<$error> for Error {

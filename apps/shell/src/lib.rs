@@ -1,5 +1,5 @@
-//! What Patchlight's programs share: errors as a user sees them, results on disk, progress, arguments, summaries, and how a
-//! program starts and ends.
+//! Common parts of Patchlight's programs: errors as a user sees them, results on disk, progress, arguments, summaries,
+//! and how a program starts and ends.
 
 #![warn(clippy::print_stdout, clippy::print_stderr)]
 

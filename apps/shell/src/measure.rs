@@ -1,5 +1,4 @@
-//! What is lost by storing an operator: errors of irradiance under some lights, and pictures of the
-//! matrix.
+//! Loss by storing an operator: errors of irradiance under some lights, and pictures of the matrix.
 
 use std::f32::consts::LN_10;
 
@@ -25,20 +24,20 @@ use crate::progress::Progress;
 /// Compact lights, and the share of the patches that each lights.
 const LIGHTS: u32 = 8;
 const LIT_SHARE: usize = 50;
-/// What a difference of normals counts beside a distance when patches of a light are chosen, m.
+/// Weight of a difference of normals beside a distance when patches of a light are chosen, m.
 const NORMAL_WEIGHT: f32 = 2.0;
 /// Greatest edge of a picture of a matrix, pixels.
-const MOST_PIXELS: usize = 1024;
+const MAX_PIXELS: usize = 1024;
 /// Black is so many powers of ten below white.
 const DECADES: f32 = 5.0;
 /// Most bounces that are tried.
-const MOST_BOUNCES: usize = 1000;
+const MAX_BOUNCES: usize = 1000;
 /// Bounces in a row that count as for good.
 const STAYS: usize = 4;
 /// Rows of tiles from which the errors of orders are estimated.
 const TILE_ROWS: usize = 16;
 /// Most patches for which the exact greedy order is found, in O(n³).
-const MOST_GREEDY: usize = 1600;
+const MAX_GREEDY: usize = 1600;
 
 /// First exitance of the patches under the lights of the scene, W/m², by so many rays a sample.
 pub fn own_light(scene: &Scene, mesh: &PatchMesh, sample_rays: u32, seed: u32) -> Vec<Vec4> {
@@ -80,7 +79,7 @@ impl Settling<'_> {
         Ok(bounces)
     }
 
-    /// Where light settles, W/m².
+    /// Limit of the light, W/m².
     fn settle(&self, acceleration: &Acceleration) -> Result<Vec<Vec4>, Error> {
         let mut settled = vec![Vec4::ZERO; self.source.len()];
         self.bounce(acceleration, &mut |light| {
@@ -109,7 +108,7 @@ impl Settling<'_> {
         let mut light = vec![Vec4::ZERO; n];
         let mut last = vec![Vec4::ZERO; n];
         let mut irradiance = vec![Vec4::ZERO; n];
-        for _ in 0..MOST_BOUNCES {
+        for _ in 0..MAX_BOUNCES {
             self.factors.apply(&light, &mut irradiance)?;
             for i in 0..n {
                 last[i] = change(&params, self.source[i], self.albedo[i], irradiance[i], light[i], last[i]);
@@ -178,7 +177,7 @@ pub fn block_orders(
             ("halving", Permutation::new(factors.order.clone())?),
             ("projected", projected_order(n, rows, seed)),
         ];
-        if n <= MOST_GREEDY {
+        if n <= MAX_GREEDY {
             orders.push(("greedy", greedy_order(n, rows)));
         }
         Ok(orders)
@@ -234,7 +233,7 @@ pub fn matrix_pictures(
     let mut pictures = Vec::new();
     for (name, pixels) in [("matrix", Some(before)), ("matrix-reordered", after), ("matrix-error", Some(error))] {
         if let Some(pixels) = pixels {
-            let edge = n.min(MOST_PIXELS) as u32;
+            let edge = n.min(MAX_PIXELS) as u32;
             let picture = Picture::from_pixels(edge, edge, pixels.iter().map(|&mean| grey(mean, greatest)).collect())?;
             pictures.push(DebugPicture { name, picture, stops: 0.0 });
         }
@@ -244,7 +243,7 @@ pub fn matrix_pictures(
 
 /// Mean of the channels of each pixel.
 fn pixels(n: usize, rows: &MatrixRows, order: &Permutation) -> Vec<f32> {
-    picture(n, rows, order, MOST_PIXELS).iter().map(|color| color.element_sum() / 3.0).collect()
+    picture(n, rows, order, MAX_PIXELS).iter().map(|color| color.element_sum() / 3.0).collect()
 }
 
 /// The colour of a mean beside the greatest one.

@@ -22,11 +22,11 @@ pub struct Opened {
     pub loaded: LoadedScene,
     /// The bake.
     pub bake: Bake,
-    /// What it was made of.
+    /// Its source.
     pub origin: Origin,
     /// Its sections.
     pub sections: Vec<Section>,
-    /// Whether the scene has changed since.
+    /// True if the scene has changed since.
     pub has_changed: bool,
 }
 
@@ -161,8 +161,8 @@ pub fn build(
     })
 }
 
-/// Whether the scene of a bake, where it still lies where it lay, is another one by now. It is only read again where one of
-/// its files is younger than the bake, or gone.
+/// Returns true if the scene of a bake, where it still lies where it lay, is another one by now. It is only read again
+/// where one of its files is younger than the bake, or gone.
 fn has_changed(bake: &Path, loaded: &LoadedScene, origin: &Origin) -> bool {
     let written = std::fs::metadata(bake).and_then(|meta| meta.modified()).unwrap_or(SystemTime::UNIX_EPOCH);
     Path::new(&origin.scene).is_file()
@@ -170,7 +170,7 @@ fn has_changed(bake: &Path, loaded: &LoadedScene, origin: &Origin) -> bool {
         && load_or_build(&origin.scene).map_or(true, |now| now.content_hash != origin.scene_hash)
 }
 
-/// Whether a file was changed after a time, or is gone.
+/// Returns true if a file was changed after a time, or is gone.
 pub fn is_younger(file: &Path, than: SystemTime) -> bool {
     !std::fs::metadata(file).and_then(|meta| meta.modified()).is_ok_and(|changed| changed <= than)
 }

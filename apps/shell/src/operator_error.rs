@@ -1,4 +1,4 @@
-//! What is lost by storing an operator: errors of irradiance.
+//! Loss by storing an operator: errors of irradiance.
 
 use faer::Mat;
 use glam::Vec4;

@@ -1,4 +1,4 @@
-//! What commands share: reading the scene, writing into the folder of results, printing.
+//! Common parts of commands: reading the scene, writing into the folder of results, printing.
 
 use reference::PictureFile as _;
 use std::io::Write as _;
@@ -19,7 +19,7 @@ pub fn import(spec: &str, progress: &Progress) -> Result<LoadedScene, Error> {
     import_within(spec, None, progress)
 }
 
-/// The same in so many bytes of memory.
+/// Imports a scene within so many bytes of memory.
 ///
 /// # Errors
 /// What the file says.
@@ -33,7 +33,8 @@ pub fn import_within(spec: &str, memory_limit: Option<u64>, progress: &Progress)
     Ok(loaded)
 }
 
-/// Whether files can be written into a folder, which may not be there yet: asked before hours of work. Nothing is left there.
+/// Checks that files can be written into a folder, which may not be there yet, before hours of work. Nothing is left
+/// there.
 ///
 /// # Errors
 /// [`Error::Write`] with the folder and what the system says.
@@ -44,7 +45,7 @@ pub fn check_folder(folder: &Path) -> Result<(), Error> {
     file.write_all(b"?").and_then(|()| file.sync_all()).map_err(failed)
 }
 
-/// Whether a file can be written: [`check_folder`] of its folder.
+/// Checks that a file can be written: [`check_folder`] of its folder.
 ///
 /// # Errors
 /// [`Error::Write`] with the file and what the system says.
@@ -84,7 +85,7 @@ pub fn write_text(path: &Path, text: &str) -> Result<(), Error> {
     Ok(())
 }
 
-/// Whether all of a picture is numbers.
+/// Checks that all of a picture is numbers.
 ///
 /// # Errors
 /// [`Error::NotFinite`] with the first pixel that is none.

@@ -17,12 +17,12 @@ pub struct PathPicture {
     pub pictures: Pictures,
     /// Relative standard errors of 8 × 8 block means of the full picture, from two passes on.
     pub full_errors: Option<BlockErrors>,
-    /// Of the indirect part.
+    /// Block errors of the indirect part.
     pub indirect_errors: Option<BlockErrors>,
 }
 
-/// Traces `samples` paths a pixel. With `saved`, an accumulation in that file is continued when `resume`, and one is left
-/// there when the user stops the work.
+/// Traces `samples` paths a pixel. With `saved`, an accumulation in that file is continued when `resume`, and one is
+/// left there when the user stops the work.
 ///
 /// # Errors
 /// [`Error::Cancelled`], and what reading or writing the accumulation gives.

@@ -33,7 +33,7 @@ pub fn tell(line: Arguments) {
     let _ = writeln!(io::stderr(), "{line}");
 }
 
-/// Whether all that was said to standard output arrived, as far as somebody read it.
+/// Checks that all that was said to standard output arrived, as far as somebody read it.
 ///
 /// # Errors
 /// [`Error::Print`] with what the system said first.

@@ -1,4 +1,4 @@
-//! How a program starts, ends, and starts another one.
+//! Start and end of a program, and the start of another one.
 
 use std::env;
 use std::ffi::OsString;
@@ -8,8 +8,8 @@ use std::process::{Command, ExitCode};
 use crate::error::Error;
 use crate::{print, progress};
 
-/// Runs the work of a program. Exit code 0, 1 for an error, 2 for wrong usage (by the reader of the command line), 130 after
-/// Ctrl-C.
+/// Runs the work of a program. Exit code 0, 1 for an error, 2 for wrong usage (by the reader of the command line), 130
+/// after Ctrl-C.
 pub fn run<E: Failure>(threads: usize, work: impl FnOnce() -> Result<(), E>) -> ExitCode {
     // What a decoder of a damaged file says when it gives up is an error, which is printed as such.
     let hook = std::panic::take_hook();
@@ -38,7 +38,7 @@ pub fn run<E: Failure>(threads: usize, work: impl FnOnce() -> Result<(), E>) -> 
 
 /// Why the work of a program failed.
 pub trait Failure: std::fmt::Display + From<Error> {
-    /// Whether the user asked to stop.
+    /// Returns true if the user asked to stop.
     fn is_cancelled(&self) -> bool;
 }
 
@@ -69,7 +69,7 @@ pub const VIEWER: Program = Program { name: "patchlight-view", build: "cargo bui
 pub const BENCH: Program = Program { name: "patchlight-bench", build: "cargo build --release -p patchlight-bench" };
 
 impl Program {
-    /// Where it is: beside this program, else in the folders of PATH.
+    /// Path of the program: beside this one, else in the folders of PATH.
     pub fn find(self) -> Option<PathBuf> {
         let own = env::current_exe().ok();
         let beside = own.as_deref().and_then(Path::parent).map(Path::to_path_buf);
@@ -79,7 +79,8 @@ impl Program {
         folders.map(|folder| folder.join(&file)).find(|program| program.is_file())
     }
 
-    /// Becomes this program with these arguments, or starts it and ends as it ends where the system cannot replace a process.
+    /// Becomes this program with these arguments, or starts it and ends as it ends where the system cannot replace a
+    /// process.
     ///
     /// # Errors
     /// [`Error::NoProgram`] where it is not there, or does not start.

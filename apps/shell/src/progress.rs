@@ -18,7 +18,7 @@ const LOOK: Duration = Duration::from_millis(20);
 
 /// Set by Ctrl-C (or SIGTERM); long work is told so and ends in order.
 static CANCELLED: AtomicBool = AtomicBool::new(false);
-/// How many scopes of [`interruptible`] work are open.
+/// Number of open scopes of [`interruptible`] work.
 static INTERRUPTIBLE: Mutex<usize> = Mutex::new(0);
 /// A file in which work that was stopped goes on.
 static CONTINUED_IN: Mutex<Option<PathBuf>> = Mutex::new(None);
@@ -59,7 +59,7 @@ fn end_soon() {
     }
 }
 
-/// Whether the user asked to stop.
+/// Returns true if the user asked to stop.
 pub fn is_cancelled() -> bool {
     CANCELLED.load(Ordering::SeqCst)
 }
@@ -101,8 +101,8 @@ impl Drop for Interruptible {
     }
 }
 
-/// Shows phases of work on the terminal and keeps their times. Phases are [`interruptible`], but for path tracing, which
-/// is so only until it has something to save.
+/// Shows phases of work on the terminal and keeps their times. Phases are [`interruptible`], but for path tracing,
+/// which is so only until it has something to save.
 #[derive(Debug, Default)]
 pub struct Progress {
     /// No bars, no notes.
@@ -203,7 +203,7 @@ impl Progress {
     }
 }
 
-/// How work of the program tells its steps.
+/// Progress callback of a program's work.
 pub type Steps<'a> = dyn Fn(usize, usize) -> ControlFlow<()> + Sync + 'a;
 
 impl Observer for Progress {

@@ -10,7 +10,7 @@ use maud::{DOCTYPE, Markup, PreEscaped, html};
 
 use crate::error::Error;
 
-/// Of 100.
+/// Quality of JPEG files, of 100.
 const JPEG_QUALITY: u8 = 88;
 
 /// A picture of the report.
@@ -19,7 +19,7 @@ pub struct Figure {
     pub caption: String,
     /// The bytes of its file.
     pub bytes: Vec<u8>,
-    /// What the file is.
+    /// Media type of the file.
     pub media: &'static str,
 }
 
@@ -31,7 +31,7 @@ impl Figure {
         Ok(Self { caption, bytes, media: "image/png" })
     }
 
-    /// The same as JPEG, a tenth of the bytes: where a single pixel does not matter.
+    /// Picture as JPEG, a tenth of the bytes: where a single pixel does not matter.
     pub fn photograph(folder: &Path, name: &str, caption: String) -> Result<Self, Error> {
         let png = Self::read(folder, name, caption)?;
         let mut bytes = Vec::new();
@@ -45,9 +45,9 @@ impl Figure {
 
 /// Pictures over one of the same size, of which a slider shows the left part.
 pub struct Comparison {
-    /// What lies beneath.
+    /// The figure beneath.
     pub beneath: Figure,
-    /// What is above it, one at a time.
+    /// Figures above it, one at a time.
     pub above: Vec<Figure>,
 }
 
@@ -98,9 +98,9 @@ pub struct Plot {
     pub title: String,
     /// Unit of y.
     pub unit: String,
-    /// What x is.
+    /// Quantity along x.
     pub x: String,
-    /// Whether equal ratios have equal distances, x > 0 and y > 0; else y begins at zero.
+    /// Scale of equal ratios at equal distances, x > 0 and y > 0; else y begins at zero.
     pub logarithmic: bool,
     /// The lines.
     pub series: Vec<Series>,
@@ -304,7 +304,7 @@ fn frame_graph(g: &FrameGraph) -> Markup {
 }
 
 /// Most places of x that are named.
-const MOST_MARKS: usize = 6;
+const MAX_MARKS: usize = 6;
 
 /// Colours of lines, over again when they are used up.
 const COLORS: [&str; 14] = [
@@ -320,7 +320,7 @@ const LEFT: f64 = 60.0;
 const BOTTOM: f64 = 28.0;
 const TOP: f64 = 26.0;
 
-/// What an axis shows: from where to where.
+/// Range of an axis.
 struct Axis {
     first: f64,
     last: f64,
@@ -332,7 +332,7 @@ impl Axis {
         if self.is_logarithmic { v.max(f64::MIN_POSITIVE).ln() } else { v }
     }
 
-    /// Where a value stands between both ends, from 0 to 1.
+    /// Position of a value between both ends, from 0 to 1.
     fn share(&self, v: f64) -> f64 {
         let first = self.scale(self.first);
         (self.scale(v.max(self.first)) - first) / (self.scale(self.last) - first).max(1e-12)
@@ -348,7 +348,7 @@ fn x_axis(p: &Plot) -> (Axis, Vec<f64>) {
     let last = marks.last().copied().unwrap_or(0.0);
     // What is none would be infinitely far.
     let first = if p.logarithmic { first.max(1e-6 * last) } else { first };
-    if marks.len() > MOST_MARKS {
+    if marks.len() > MAX_MARKS {
         marks = match p.logarithmic {
             true => round_levels(first, last),
             false => vec![first, last],

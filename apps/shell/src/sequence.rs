@@ -29,14 +29,14 @@ pub fn frame_time(animation: &Animation, frame: u32, frames: u32) -> f32 {
 pub struct Movement {
     animate: Animate,
     path: Animation,
-    /// Where the camera goes, whatever the lights do.
+    /// Camera path, whatever the lights do.
     camera: Option<Animation>,
     rest: (Vec<Light>, View),
     frames: u32,
 }
 
 impl Movement {
-    /// Of a scene over so many frames.
+    /// Animation of a scene over so many frames.
     pub fn new(
         loaded: &LoadedScene,
         (animate, camera): (Animate, Option<CameraPath>),
@@ -81,15 +81,15 @@ impl Movement {
     }
 }
 
-/// What a frame measured.
+/// Measurements of a frame.
 #[derive(Clone, Debug, Default, PartialEq)]
 struct Measured {
-    /// Of the light between patches, and of its way to the pixels, ms.
+    /// Time of the light between patches, and of its way to the pixels, ms.
     method_ms: f64,
     lookup_ms: f64,
-    /// Of changes of the matrix round the camera.
+    /// Time of changes of the matrix round the camera.
     update_ms: f64,
-    /// What they were.
+    /// Changes of the matrix round the camera.
     local: Option<CameraFrame>,
     /// Greatest resident memory so far, bytes.
     memory: Option<u64>,
@@ -97,16 +97,16 @@ struct Measured {
     ssim: Option<f64>,
     /// Relative L2 distance of the irradiance from the exact one.
     error: Option<f64>,
-    /// The same from the frame before.
+    /// Difference from the frame before.
     change: Option<f64>,
     /// Least change of displayed values that at most one of a thousand exceeds, in 255ths.
     flicker: Option<f64>,
 }
 
-/// What a frame is to show.
+/// Content of a frame.
 #[derive(Clone, Copy)]
 pub struct Shot<'a> {
-    /// What shines.
+    /// Lights, sky and emission.
     pub lighting: &'a Lighting,
     /// Who looks.
     pub camera: &'a Camera,
@@ -127,7 +127,7 @@ pub fn light_update_ms(times: &[(String, f64)]) -> f64 {
     times.iter().filter(|(name, _)| name != PIXELS).map(|(_, ms)| ms).sum()
 }
 
-/// What the frames measured, and the light of the last.
+/// Measurements of the frames, and the light of the last.
 pub struct Sequence {
     frames: Vec<Measured>,
     before: Vec<Vec3>,
@@ -182,7 +182,8 @@ impl Sequence {
         Ok(())
     }
 
-    /// What changes of the matrix round the camera took, beside making it anew in every frame in which the camera moved.
+    /// Work that changes of the matrix round the camera took, beside making it anew in every frame in which the camera
+    /// moved.
     pub fn work(&self) -> Option<String> {
         let steps = || self.frames.iter().skip(1).filter_map(|f| f.local.as_ref());
         let work: u64 = steps().map(|l| l.step.work).sum();
@@ -308,8 +309,8 @@ fn over_frames(title: &str, unit: &str, series: Vec<Series>) -> Plot {
     }
 }
 
-/// Least change of the displayed values of a surface of [`SHOWN_ALBEDO`] that at most one of a thousand exceeds, in 255ths; `scale`
-/// is the exposure.
+/// Least change of the displayed values of a surface of [`SHOWN_ALBEDO`] that at most one of a thousand exceeds, in
+/// 255ths; `scale` is the exposure.
 pub fn flicker(light: &[Vec3], before: &[Vec3], scale: f32) -> f64 {
     let radiance = |h: &Vec3| luminance(*h) * SHOWN_ALBEDO / std::f32::consts::PI;
     let shown = |h: &Vec3| 255.0 * encode_srgb((radiance(h) * scale).clamp(0.0, 1.0));

@@ -31,7 +31,7 @@ pub struct LightUpdate {
     pub median_ms: f64,
     /// Greatest, ms.
     pub max_ms: f64,
-    /// Of each frame, ms: all its passes but those of the pixels.
+    /// Time of each frame, ms: all its passes but those of the pixels.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub frames_ms: Vec<f64>,
     /// Receivers whose light the last update found.
@@ -56,7 +56,7 @@ pub struct PhotonCounts {
 }
 
 impl PhotonCounts {
-    /// Of the last round.
+    /// Summary of the last round.
     pub fn of(round: &firstshot::Round) -> Self {
         let firstshot::Round { photons, registered, segments, error } = *round;
         // An error that is not known is 1: nothing but noise. Infinity is no number of JSON.
@@ -64,17 +64,17 @@ impl PhotonCounts {
     }
 }
 
-/// What a command measured.
+/// Measurements of a command.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Summary {
     /// Name of the scene.
     pub scene: String,
     /// Name of the method.
     pub method: String,
-    /// How the operator of all bounces is stored, where that was chosen.
+    /// Storage of the operator of all bounces, where that was chosen.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub codec: Option<String>,
-    /// What decoded its texture blocks, where it has any: `texture` unit or `kernel`.
+    /// Decoder of its texture blocks, where it has any: `texture` unit or `kernel`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub decode: Option<&'static str>,
     /// Device that ran the kernels.
@@ -101,7 +101,7 @@ pub struct Summary {
     /// Seconds of each phase before the first frame.
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
     pub bake: BTreeMap<String, f64>,
-    /// What the bake says of its own errors.
+    /// The bake's estimate of its own errors.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub energy: Option<EnergyCheck>,
     /// Greatest resident memory of the process.

@@ -28,9 +28,9 @@ use crate::state::{Comparison, Request, Shown, State};
 use crate::times::{FrameTimes, Rate};
 use crate::{panels, pointer, screenshot};
 
-/// How often it is asked whether to stop, when nothing happens.
+/// Interval at which a stop is looked for, when nothing happens.
 const LOOK: Duration = Duration::from_millis(100);
-/// How long the window keeps a size before pictures follow it.
+/// Time for which the window keeps a size before pictures follow it.
 const RESIZED: Duration = Duration::from_millis(200);
 
 /// A window system and a driver that can show windows.
@@ -39,10 +39,10 @@ pub struct Display {
     gpu: Arc<Gpu>,
 }
 
-/// What the window is to be.
+/// Settings of the window.
 #[derive(Clone, Debug, Default)]
 pub struct Settings {
-    /// What runs the kernels.
+    /// Device that runs the kernels.
     pub device: DeviceChoice,
     /// Size of the window, pixels.
     pub size: (u32, u32),
@@ -58,20 +58,20 @@ pub struct Settings {
     pub script: Option<PathBuf>,
     /// Folder of screenshots.
     pub out: PathBuf,
-    /// Of the path tracer's random numbers.
+    /// Seed of the path tracer's random numbers.
     pub seed: u32,
 }
 
-/// What was shown.
+/// Report of what was shown.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Report {
-    /// What ran the kernels.
+    /// Device that ran the kernels.
     pub device: String,
-    /// What showed the window.
+    /// Device that showed the window.
     pub screen: String,
     /// Size of the last picture, pixels.
     pub size: (u32, u32),
-    /// How fast, and what limited it; none without a picture.
+    /// Picture rate, and its limit; none without a picture.
     pub rate: Option<Rate>,
 }
 
@@ -107,7 +107,7 @@ impl Display {
     }
 }
 
-/// What the window system says, without the place in the source of the crate that says it.
+/// Message of the window system, without the place in the source of the crate that says it.
 fn reason(text: &str) -> String {
     let said = text.rsplit_once(".rs:").and_then(|(_, rest)| rest.split_once(": "));
     said.map_or(text, |(_, said)| said).trim_end_matches('.').to_owned()
@@ -130,7 +130,7 @@ struct App<'a> {
     state: State,
     script: Option<Script>,
     comparer: Comparer,
-    /// Whether the comparison under way is of what is shown.
+    /// True if the comparison under way is of what is shown.
     is_compared: bool,
     has_reference: bool,
     /// The reference of a file, whose size all pictures have, and the exposure with which it is on the screen.
@@ -140,7 +140,7 @@ struct App<'a> {
     // The executor, in `live`, ends before the device of the screen.
     open: Option<Open>,
     frames: u32,
-    /// Of the last frame, pixels.
+    /// Size of the last frame, pixels.
     window_size: (u32, u32),
     /// When the last picture was shown, if the last frame had one.
     last_shown: Option<Instant>,
@@ -150,7 +150,7 @@ struct App<'a> {
     outcome: Result<(), Error>,
 }
 
-/// What there is while the window is open.
+/// State while the window is open.
 struct Open {
     live: Live,
     screen: Screen,
@@ -409,7 +409,7 @@ impl<'a> App<'a> {
         self.state.facts.resident = resident_bytes();
     }
 
-    /// Whether the next frame is due at once.
+    /// Returns true if the next frame is due at once.
     fn is_busy(&self) -> bool {
         let Some(open) = &self.open else { return false };
         let waits_for_paths = self.is_compared && self.script.as_ref().is_some_and(Script::waits_for_samples);
@@ -482,7 +482,7 @@ impl ApplicationHandler for App<'_> {
     }
 }
 
-/// Where a picture is shown, points.
+/// Rectangle in which a picture is shown, points.
 fn shown_at(size: (u32, u32), window: (u32, u32), scale: f32) -> Rect {
     let area = fit(size, window);
     let point = |(x, y): (i32, i32)| pos2(x as f32 / scale, y as f32 / scale);

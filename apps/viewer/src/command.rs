@@ -25,8 +25,8 @@ mod idle;
 use crate::script::HELP;
 use crate::{Display, MethodDefaults, Report, Settings};
 
-/// Open a window on a scene or a bake: fly through it, move its lights and its sun, switch methods while it runs, compare with
-/// the path tracer or a picture. A scene is baked first. F1 in the window lists the keys.
+/// Open a window on a scene or a bake: fly through it, move its lights and its sun, switch methods while it runs,
+/// compare with the path tracer or a picture. A scene is baked first. F1 in the window lists the keys.
 #[derive(Args, Clone, Debug)]
 #[command(after_help = format!(
     "Examples:\n  \
@@ -42,11 +42,12 @@ use crate::{Display, MethodDefaults, Report, Settings};
 pub struct View {
     /// A scene file (.toml, .obj, .gltf, .glb), a built-in scene, or the bake of one.
     pub scene: String,
-    /// How the light is found at first [default: tiles where there is an operator for it, else classic; firstshot in a medium].
+    /// First method for indirect light [default: tiles where there is an operator for it, else classic; firstshot in a
+    /// medium].
     #[arg(long, value_parser = parse_purpose, help_heading = "Method")]
     pub method: Option<Method>,
-    /// Methods whose operators are made of a scene, so that the window can switch to them: tiles, multibounce, feedback. All others
-    /// need none.
+    /// Methods whose operators are made of a scene, so that the window can switch to them: tiles, multibounce,
+    /// feedback. All others need none.
     #[arg(long = "for", value_name = "METHODS", value_delimiter = ',', default_value = "tiles", value_parser = parse_purpose, help_heading = "Method")]
     pub methods: Vec<Method>,
     /// Size of the window, pixels.
@@ -83,7 +84,7 @@ fn parse_sub_frames(text: &str) -> Result<u32, String> {
     text.parse().ok().filter(|count| known.contains(count)).ok_or_else(|| format!("`{text}`: choose from {known:?}"))
 }
 
-/// What was shown, for `--json`.
+/// Report of what was shown, for `--json`.
 #[derive(Serialize)]
 struct Summary {
     device: String,

@@ -13,7 +13,7 @@ pub enum Error {
     /// No window system.
     #[error("no window can be opened: {reason}; use `patchlight render`, which writes pictures into files")]
     NoWindow {
-        /// What the window system says.
+        /// Message of the window system.
         reason: String,
     },
     /// No Vulkan device that can show a window.
@@ -22,7 +22,7 @@ pub enum Error {
          use `patchlight render`, which writes pictures into files and needs none"
     )]
     NoDevice {
-        /// What is missing.
+        /// The missing part.
         reason: String,
     },
     /// A call of Vulkan failed.
@@ -36,7 +36,7 @@ pub enum Error {
     /// The panels could not be drawn.
     #[error("the panels cannot be drawn: {reason}; update the driver of the graphics card")]
     Panels {
-        /// What failed.
+        /// The failed action.
         reason: String,
     },
     /// The validation layer found a mistake of ours.
@@ -53,7 +53,7 @@ pub enum Error {
     Read {
         /// The file.
         path: PathBuf,
-        /// What the system says.
+        /// Error from the operating system.
         source: std::io::Error,
     },
     /// A bake whose light is not on the device.

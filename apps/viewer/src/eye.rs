@@ -19,7 +19,7 @@ const CROSSING: f32 = 12.0;
 /// A camera by place and direction.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Eye {
-    /// Where it is, m.
+    /// Position, m.
     pub position: Vec3,
     /// Turn about up, radians, to the right of a level direction that up alone decides.
     pub yaw: f32,
@@ -42,7 +42,7 @@ pub struct Flight {
     pub up: f32,
     /// Forward.
     pub forward: f32,
-    /// Whether it goes fast.
+    /// True if it goes fast.
     pub is_fast: bool,
 }
 
@@ -115,8 +115,8 @@ impl Eye {
     }
 }
 
-/// Where a point lies in a picture, as shares of its width and height from the upper left, with its depth, m; none behind the
-/// eye.
+/// Position of a point in a picture, as shares of its width and height from the upper left, with its depth, m; none
+/// behind the eye.
 pub fn project(camera: &Camera, point: Vec3) -> Option<Vec3> {
     let to = point - camera.eye;
     let depth = to.dot(camera.forward);
@@ -128,7 +128,7 @@ pub fn project(camera: &Camera, point: Vec3) -> Option<Vec3> {
     Some(vec3(0.5 + 0.5 * across, 0.5 - 0.5 * upwards, depth))
 }
 
-/// How far a point at a depth moves when its picture moves by these shares of width and height.
+/// Displacement of a point at a depth when its picture moves by these shares of width and height.
 pub fn moved(camera: &Camera, depth: f32, (x, y): (f32, f32)) -> Vec3 {
     (camera.right * (2.0 * x) - camera.up * (2.0 * y)) * depth
 }

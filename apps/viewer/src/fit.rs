@@ -1,4 +1,4 @@
-//! Where a picture lies in a window.
+//! Placement of a picture in a window.
 
 /// A rectangle of whole pixels: from the upper left corner to the one behind the lower right.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -20,7 +20,7 @@ impl Area {
         self.max.1 - self.min.1
     }
 
-    /// Whether it has no pixel.
+    /// Returns true if it has no pixel.
     pub fn is_empty(self) -> bool {
         self.width() <= 0 || self.height() <= 0
     }
@@ -38,9 +38,9 @@ pub fn fit(picture: (u32, u32), window: (u32, u32)) -> Area {
 /// A part of a picture and where it is shown.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Part {
-    /// Of the picture.
+    /// Area of the picture.
     pub from: Area,
-    /// Of the window.
+    /// Area of the window.
     pub to: Area,
 }
 

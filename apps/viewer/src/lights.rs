@@ -9,7 +9,7 @@ const SPOT_DEGREES: (f64, f64) = (15.0, 30.0);
 /// Irradiance of a new sun, W/m².
 const SUN: f32 = 10.0;
 
-/// What a new light is.
+/// Kind of a new light.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum NewLight {
     /// A point.
@@ -43,9 +43,9 @@ pub struct EditedLight {
     pub color: Vec3,
     /// The greatest component of irradiance (W/m²), intensity (W/sr) or radiance (W/m²/sr).
     pub power: f32,
-    /// Whether it shines.
+    /// True if it shines.
     pub is_on: bool,
-    /// Whether it shines by itself, even if it is on: a sun above the horizon.
+    /// True if it shines by itself, even if it is on: a sun above the horizon.
     pub is_up: bool,
 }
 
@@ -73,7 +73,7 @@ impl EditedLight {
         }
     }
 
-    /// What its power counts in.
+    /// Unit of its power.
     pub fn unit(&self) -> &'static str {
         match self.light.kind {
             LIGHT_DIRECTIONAL => "W/m²",
@@ -82,23 +82,23 @@ impl EditedLight {
         }
     }
 
-    /// Whether it is somewhere.
+    /// Returns true if it is somewhere.
     pub fn has_position(&self) -> bool {
         self.light.kind != LIGHT_DIRECTIONAL
     }
 
-    /// Whether it points somewhere.
+    /// Returns true if it points somewhere.
     pub fn has_direction(&self) -> bool {
         matches!(self.light.kind, LIGHT_DIRECTIONAL | LIGHT_SPOT)
     }
 
-    /// Where its handle is, m: the middle of a rectangle.
+    /// Position of its handle, m: the middle of a rectangle.
     pub fn handle(&self) -> Vec3 {
         self.light.position + 0.5 * (self.light.edge_a + self.light.edge_b)
     }
 }
 
-/// What of a lighting can be edited.
+/// Edits of a lighting.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Edits {
     lights: Vec<EditedLight>,
@@ -106,7 +106,7 @@ pub struct Edits {
     sky_scale: f32,
 }
 
-/// What shines, as it is edited.
+/// Light sources, as edited.
 #[derive(Clone, Debug)]
 pub struct EditedLighting {
     /// The lights.
@@ -115,9 +115,9 @@ pub struct EditedLighting {
     base: Lighting,
     /// Emitted radiance of each material, W/m²/sr.
     pub emission: Vec<Vec3>,
-    /// The same as the scene has it.
+    /// Emission as the scene has it.
     own_emission: Vec<Vec3>,
-    /// What the sky's radiance is multiplied by.
+    /// Factor on the sky's radiance.
     pub sky_scale: f32,
 }
 
@@ -135,7 +135,7 @@ impl EditedLighting {
         }
     }
 
-    /// What a frame is lit by.
+    /// Lighting of a frame.
     pub fn lighting(&self) -> Lighting {
         let mut lighting = self.base.clone();
         lighting.lights = self.lights.iter().map(EditedLight::shining).collect();
@@ -151,7 +151,7 @@ impl EditedLighting {
         Edits { lights: self.lights.clone(), emission: self.emission.clone(), sky_scale: self.sky_scale }
     }
 
-    /// Whether the scene has a sky.
+    /// Returns true if the scene has a sky.
     pub fn has_sky(&self) -> bool {
         self.base.has_sky()
     }

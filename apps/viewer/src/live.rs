@@ -43,7 +43,7 @@ pub struct Live {
     renderer: Renderer,
     method: (String, MethodSettings),
     albedo: Vec<Option<Vec3>>,
-    /// Of the object, once it was there.
+    /// Probes of the object, once it was there.
     probes: Option<LiveProbes>,
     sub_frames: u32,
     last: Option<Wanted>,
@@ -95,13 +95,13 @@ impl Live {
         self.renderer.scene()
     }
 
-    /// Whether the light and its picture change no more by themselves.
+    /// Returns true if the light and its picture change no more by themselves.
     pub fn is_settled(&self) -> bool {
         self.last.is_some() && (!goes_on(&self.method.1) || self.rest >= SETTLING)
     }
 
-    /// Finds light and picture where they have changed, and gives them to the screen; times of the passes, none where nothing has
-    /// changed.
+    /// Finds light and picture where they have changed, and gives them to the screen; times of the passes, none where
+    /// nothing has changed.
     ///
     /// # Errors
     /// What the library says. A method that cannot be had is told in the state, and the one before stays.
@@ -174,7 +174,8 @@ impl Live {
         Ok(())
     }
 
-    /// Gives materials the albedo that they are to have; under a method that holds that of the bake they keep what they have.
+    /// Gives materials the albedo that they are to have; under a method that holds that of the bake they keep what they
+    /// have.
     fn set_albedo(&mut self, state: &mut State) -> Result<(), Error> {
         if state.albedo == self.albedo {
             return Ok(());

@@ -7,13 +7,13 @@ use patchlight::{Bake, MethodSettings};
 /// Settings that methods have at first.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct MethodDefaults {
-    /// Of feedback; its error is that of the operator that the bake has.
+    /// Settings of feedback; its error is that of the operator that the bake has.
     pub feedback: FeedbackSettings,
-    /// Of temporal radiosity.
+    /// Settings of temporal radiosity.
     pub temporal: TemporalSettings,
-    /// Of the matrix round the camera.
+    /// Settings of the matrix round the camera.
     pub local: LocalSettings,
-    /// Of photons.
+    /// Settings of photons.
     pub first_shot: FirstShotSettings,
 }
 
@@ -22,7 +22,7 @@ pub struct MethodDefaults {
 pub struct MethodChoice {
     /// Its name, as `render` has it; with the codec where a bake may have several.
     pub name: String,
-    /// What it is made with, as it is edited.
+    /// Settings, as edited.
     pub settings: MethodSettings,
     /// Why it cannot be chosen, and what to do about it.
     pub why_not: Option<String>,
@@ -124,7 +124,7 @@ fn codec_of(key: &OperatorKey) -> Option<Codec> {
     }
 }
 
-/// Whether light under lights at rest goes on changing from frame to frame.
+/// Returns true if light under lights at rest goes on changing from frame to frame.
 pub fn goes_on(settings: &MethodSettings) -> bool {
     matches!(settings, MethodSettings::Feedback(_) | MethodSettings::Temporal(_) | MethodSettings::Local(_))
 }

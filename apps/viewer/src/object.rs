@@ -1,7 +1,7 @@
 //! A white ball that is moved through the scene: indirect light from probes in the air, direct light by shadow rays.
 //!
-//! It is drawn over the picture on the host, behind what its rays say is before it. It casts neither light nor shadow back: the
-//! light of the scene is that of the bake's geometry.
+//! It is drawn over the picture on the host, behind what its rays say is before it. It casts neither light nor shadow
+//! back: the light of the scene is that of the bake's geometry.
 
 use std::f32::consts::FRAC_1_PI;
 use std::ops::Range;
@@ -31,7 +31,7 @@ const WHITE: f32 = 0.8;
 /// The ball.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Object {
-    /// Whether it is there.
+    /// True if it is there.
     pub is_on: bool,
     /// Its middle, m.
     pub position: Vec3,
@@ -47,7 +47,7 @@ impl Object {
         Self { is_on: false, position: Vec3::ZERO, radius, albedo: Vec3::splat(WHITE) }
     }
 
-    /// Where a ray with a unit direction meets it first from outside, m.
+    /// First point where a ray with a unit direction meets it from outside, m.
     fn meet(&self, origin: Vec3, direction: Vec3) -> Option<f32> {
         let to = self.position - origin;
         let along = to.dot(direction);
@@ -92,7 +92,8 @@ struct Seen {
     point: SurfacePoint,
 }
 
-/// Draws the ball over a displayed picture: bytes red, green, blue and 255, row by row, with an exposure of so many stops.
+/// Draws the ball over a displayed picture: bytes red, green, blue and 255, row by row, with an exposure of so many
+/// stops.
 pub fn draw(bytes: &mut [u8], camera: &Camera, stops: f32, object: &Object, probes: &LiveProbes, scene: &Scene) {
     let seen = seen(camera, object, scene);
     let points: Vec<SurfacePoint> = seen.iter().map(|seen| seen.point).collect();

@@ -4,7 +4,7 @@ use egui::{Color32, DragValue, Frame, Panel, RichText, ScrollArea, Slider, Ui, W
 use egui_plot::{Legend, Line, Plot, PlotPoints};
 use glam::Vec3;
 use patchlight::method::{FeedbackSettings, FirstShotSettings, LocalSettings, TemporalSettings};
-use patchlight::{MOST_ALBEDO, MethodSettings};
+use patchlight::{MAX_ALBEDO, MethodSettings};
 
 use crate::lights::NewLight;
 use crate::state::{Comparison, DIVISORS, Request, SUB_FRAMES, Shown, State};
@@ -14,7 +14,7 @@ const WIDTH: f32 = 290.0;
 /// Height of the graph, points.
 const GRAPH_HEIGHT: f32 = 190.0;
 
-/// What keys and pointer do, for the help.
+/// Actions of keys and pointer, for the help.
 pub const KEYS: [(&str, &str); 13] = [
     ("W A S D", "fly ahead, left, back, right"),
     ("Q E", "down, up"),
@@ -310,7 +310,7 @@ fn albedo_of(ui: &mut Ui, name: &str, own: Option<Vec3>, albedo: &mut Option<Vec
         // A texture has no one colour: begin with grey.
         let mut color = albedo.or(own).unwrap_or(Vec3::splat(0.5)).to_array();
         if ui.color_edit_button_rgb(&mut color).changed() {
-            *albedo = Some(Vec3::from_array(color).clamp(Vec3::ZERO, Vec3::splat(MOST_ALBEDO)));
+            *albedo = Some(Vec3::from_array(color).clamp(Vec3::ZERO, Vec3::splat(MAX_ALBEDO)));
         }
         ui.label(format!("{name} albedo"));
         if albedo.is_some() && ui.button("as baked").clicked() {

@@ -1,4 +1,5 @@
-//! Keys and pointer over the picture: the camera, the handles of lights and of the object, the line of the split screen.
+//! Keys and pointer over the picture: the camera, the handles of lights and of the object, the line of the split
+//! screen.
 
 use egui::{Color32, CursorIcon, Id, Key, Modifiers, Pos2, Rect, Response, Sense, Stroke, Ui, Vec2, pos2, vec2};
 use glam::Vec3;
@@ -133,7 +134,7 @@ fn divider(ui: &mut Ui, state: &mut State, picture: Rect) {
 struct Handle {
     response: Response,
     centre: Pos2,
-    /// How far it was dragged, m.
+    /// Displacement by dragging, m.
     moved: Vec3,
 }
 

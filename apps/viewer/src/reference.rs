@@ -1,4 +1,4 @@
-//! What the picture is compared with: paths that a thread traces while nothing moves, or a picture from a file.
+//! Reference for the picture: paths that a thread traces while nothing moves, or a picture from a file.
 
 use std::ops::ControlFlow;
 use std::path::Path;
@@ -14,13 +14,13 @@ use crate::error::Error;
 use crate::live::rgba;
 
 /// Paths a pixel after which it is enough.
-const MOST_SAMPLES: u32 = 4096;
+const MAX_SAMPLES: u32 = 4096;
 /// Most samples between two pictures of them.
 const STEP: u32 = 32;
 /// Relative difference that has the strongest colour.
 const RANGE: f32 = 0.5;
 
-/// What is to be compared.
+/// Request for a comparison.
 pub struct Job {
     /// The scene under its lights.
     pub scene: Scene,
@@ -32,13 +32,13 @@ pub struct Job {
     pub stops: f32,
 }
 
-/// What a comparison has found so far.
+/// Result of a comparison so far.
 pub struct Found {
     /// Paths a pixel; 0 for a file.
     pub samples: u32,
     /// The reference as it is displayed, bytes red, green, blue, 255.
     pub shown: Vec<u8>,
-    /// Where the picture differs from it.
+    /// Difference of the picture from it.
     pub difference: Option<Vec<u8>>,
     /// By how much.
     pub errors: Option<PictureErrors>,
@@ -113,7 +113,7 @@ impl Comparer {
         slot.found = None;
     }
 
-    /// What is new of the comparison under way.
+    /// Takes the news of the comparison under way.
     pub fn take(&mut self) -> Option<Found> {
         let (number, found) = self.shared.lock().found.take()?;
         self.shared.is_wanted(number).then_some(found)
@@ -160,7 +160,7 @@ fn trace(shared: &Shared, number: u64, job: &Job) {
         true => ControlFlow::Continue(()),
         false => ControlFlow::Break(()),
     };
-    while sums.samples() < MOST_SAMPLES {
+    while sums.samples() < MAX_SAMPLES {
         let target = (2 * sums.samples()).clamp(1, sums.samples() + STEP);
         if !matches!(tracer.accumulate(&job.camera, &mut sums, target, go_on), Ok(true)) || !shared.is_wanted(number) {
             return;

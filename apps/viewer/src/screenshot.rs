@@ -8,7 +8,7 @@ use image::{ExtendedColorType, ImageFormat};
 use crate::error::Error;
 use crate::screen::Capture;
 
-/// Where a screenshot goes: a name in the folder, or the next number there.
+/// Path of a screenshot: a name in the folder, or the next number there.
 pub fn path(folder: &Path, name: Option<PathBuf>) -> PathBuf {
     if let Some(name) = name {
         return folder.join(name);

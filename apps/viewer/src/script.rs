@@ -1,7 +1,7 @@
 //! Scripts of input events, one a line, that drive the window as a person would.
 //!
-//! Each line is a command with its words; `#` begins a comment. Commands that change a setting take no frame, those of keys and
-//! the pointer take as many as they say. [`HELP`] lists them.
+//! Each line is a command with its words; `#` begins a comment. Commands that change a setting take no frame, those of
+//! keys and the pointer take as many as they say. [`HELP`] lists them.
 
 use std::collections::VecDeque;
 use std::path::{Path, PathBuf};
@@ -9,7 +9,7 @@ use std::str::FromStr;
 
 use egui::{Event, Key, Modifiers, MouseWheelUnit, PointerButton, Pos2, TouchPhase, pos2, vec2};
 use glam::Vec3;
-use patchlight::MOST_ALBEDO;
+use patchlight::MAX_ALBEDO;
 
 use crate::lights::NewLight;
 use crate::state::{Request, SUB_FRAMES, Shown, State};
@@ -20,7 +20,7 @@ pub const FRAME_SECONDS: f64 = 1.0 / 30.0;
 const DRAG_FRAMES: u32 = 8;
 
 /// Frames in which a window takes another size.
-const MOST_RESIZE_FRAMES: u32 = 600;
+const MAX_RESIZE_FRAMES: u32 = 600;
 
 /// The commands, for the help of the program.
 pub const HELP: &str = "\
@@ -50,7 +50,7 @@ sub-frames N | size WxH
 screenshot NAME.png          the window as it is shown
 quit";
 
-/// What is wrong with a script.
+/// Fault of a script.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{}, line {line}: {reason}", path.display())]
 pub struct ScriptError {
@@ -58,7 +58,7 @@ pub struct ScriptError {
     pub path: PathBuf,
     /// The line, from 1.
     pub line: usize,
-    /// What is wrong, and what to write.
+    /// The fault and its remedy.
     pub reason: String,
 }
 
@@ -140,18 +140,18 @@ impl Script {
         Ok(Self { path: path.to_path_buf(), commands, taken: 0 })
     }
 
-    /// Whether there is nothing left to do.
+    /// Returns true if there is nothing left to do.
     pub fn is_done(&self) -> bool {
         self.commands.is_empty()
     }
 
-    /// Whether it waits for the path tracer.
+    /// Returns true if it waits for the path tracer.
     pub fn waits_for_samples(&self) -> bool {
         self.taken > 0 && matches!(self.commands.front(), Some((_, Command::Samples(_))))
     }
 
-    /// Goes on by one frame: changes the state, and adds the events of keys and pointer, in points of a window so large with so
-    /// many pixels a point.
+    /// Goes on by one frame: changes the state, and adds the events of keys and pointer, in points of a window so large
+    /// with so many pixels a point.
     ///
     /// # Errors
     /// The line that asks for what is not there.
@@ -215,7 +215,7 @@ impl Script {
                 if self.taken == 0 {
                     state.requests.push(Request::Resize(*width, *height));
                 }
-                if self.taken > MOST_RESIZE_FRAMES {
+                if self.taken > MAX_RESIZE_FRAMES {
                     let (w, h) = window.size;
                     return Err(format!("the window system keeps the window at {w}x{h}; choose a smaller size"));
                 }
@@ -409,7 +409,7 @@ impl Words<'_> {
         }
     }
 
-    /// What takes frames.
+    /// Command that takes frames.
     fn input(&self) -> Result<Command, String> {
         let words = self.0;
         Ok(match words[0] {
@@ -599,8 +599,8 @@ impl Words<'_> {
 
     fn albedo(&self, index: usize) -> Result<Vec3, String> {
         let albedo = self.vector(index)?;
-        let is_share = albedo.min_element() >= 0.0 && albedo.max_element() <= MOST_ALBEDO;
-        if is_share { Ok(albedo) } else { Err(format!("an albedo is a share from 0 to {MOST_ALBEDO}")) }
+        let is_share = albedo.min_element() >= 0.0 && albedo.max_element() <= MAX_ALBEDO;
+        if is_share { Ok(albedo) } else { Err(format!("an albedo is a share from 0 to {MAX_ALBEDO}")) }
     }
 
     fn switch(&self, index: usize) -> Result<bool, String> {

@@ -1,4 +1,4 @@
-//! What panels, keys and scripts change, and what panels show.
+//! State that panels, keys and scripts change, and facts that panels show.
 
 use std::path::PathBuf;
 
@@ -23,19 +23,19 @@ pub const SUB_FRAMES: [u32; 4] = [1, 2, 4, 16];
 pub const DIVISORS: [u32; 3] = [1, 2, 4];
 
 /// Most cameras of an animation in the list: with that of the scene, one a digit.
-const MOST_KEYFRAMES: usize = 8;
+const MAX_KEYFRAMES: usize = 8;
 
 /// Radius of the object at first, as a share of the scene's diagonal.
 const OBJECT_RADIUS: f32 = 0.04;
 
-/// What a picture shows.
+/// Content of a picture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Shown {
     /// Light.
     Light,
-    /// What the bake made, or its light by patches.
+    /// A debug picture of the bake, or its light by patches.
     Debug(DebugKind),
-    /// Where the light differs from the reference.
+    /// Difference of the light from the reference.
     Error,
 }
 
@@ -58,13 +58,13 @@ impl Shown {
 /// A picture beside that of the method.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Split {
-    /// Whether there is one.
+    /// True if there is one.
     pub is_on: bool,
     /// Share of the width that the method has.
     pub at: f32,
 }
 
-/// What is done once, after the panels.
+/// Action that is done once, after the panels.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Request {
     /// The window as it is shown, into a file; without one, into the next numbered file of the folder.
@@ -75,7 +75,7 @@ pub enum Request {
     Quit,
 }
 
-/// What the reference says of the picture.
+/// Result of a comparison with the reference.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Comparison {
     /// Paths a pixel so far; 0 for a file.
@@ -84,12 +84,12 @@ pub struct Comparison {
     pub errors: Option<PictureErrors>,
 }
 
-/// What panels show and nobody edits.
+/// Read-only content of panels.
 #[derive(Clone, Debug, Default)]
 pub struct Facts {
-    /// What runs the kernels.
+    /// Device that runs the kernels.
     pub device: String,
-    /// What shows the window.
+    /// Device that shows the window.
     pub screen: String,
     /// Size of pictures, pixels.
     pub size: (u32, u32),
@@ -110,7 +110,7 @@ pub struct Facts {
 /// Everything that can be changed while the window is open.
 #[derive(Clone, Debug)]
 pub struct State {
-    /// What shines.
+    /// Light sources.
     pub lighting: EditedLighting,
     /// Who looks.
     pub eye: Eye,
@@ -120,19 +120,19 @@ pub struct State {
     pub exposure_stops: f32,
     /// The methods.
     pub methods: Methods,
-    /// What is shown.
+    /// Content of the picture.
     pub shown: Shown,
-    /// What this bake can show.
+    /// Content that this bake can show.
     pub showable: Vec<Shown>,
     /// The sun's time.
     pub sun: SunTime,
-    /// Where the sun comes from.
+    /// Direction of the sun.
     pub compass: Compass,
     /// The split screen.
     pub split: Split,
-    /// Whether panels are there.
+    /// True if panels are there.
     pub has_panels: bool,
-    /// Whether the help is there.
+    /// True if the help is there.
     pub has_help: bool,
     /// Sub-frames of a picture.
     pub sub_frames: u32,
@@ -144,17 +144,17 @@ pub struct State {
     pub albedo: Vec<Option<Vec3>>,
     /// Albedo of each in the bake; none of a texture.
     pub own_albedo: Vec<Option<Vec3>>,
-    /// What moves through the scene.
+    /// Object that moves through the scene.
     pub object: Object,
-    /// Whether the bake has receivers that tell where its probes have light.
+    /// True if the bake has receivers that tell where its probes have light.
     pub has_probes: bool,
     /// The light whose numbers are shown.
     pub selected: Option<usize>,
-    /// How far away things are, m.
+    /// Distance of things, m.
     pub distance: f32,
-    /// What is to be done after the panels.
+    /// Actions to be done after the panels.
     pub requests: Vec<Request>,
-    /// What panels show.
+    /// Content of the panels.
     pub facts: Facts,
 }
 
@@ -210,7 +210,7 @@ impl State {
         self.eye.position + self.eye.forward() * (0.3 * self.distance)
     }
 
-    /// Whether the picture is compared with a reference.
+    /// Returns true if the picture is compared with a reference.
     pub fn compares(&self) -> bool {
         self.split.is_on || self.shown == Shown::Error
     }
@@ -248,7 +248,7 @@ fn cameras(loaded: &LoadedScene, metres: f32) -> Vec<(String, Eye)> {
         .collect();
     times.sort_by(f32::total_cmp);
     times.dedup();
-    cameras.extend(times.iter().take(MOST_KEYFRAMES).map(|&time| {
+    cameras.extend(times.iter().take(MAX_KEYFRAMES).map(|&time| {
         let view = animation.at(time).1;
         (format!("{time:.1} s"), Eye::of_view(&view, metres))
     }));

@@ -1,4 +1,4 @@
-//! Where the sun stands, by hour, day and latitude.
+//! Position of the sun, by hour, day and latitude.
 
 use std::f64::consts::TAU;
 
@@ -37,7 +37,8 @@ pub struct Compass {
 }
 
 impl Compass {
-    /// The compass of a scene whose camera has this vector upwards: north is −z where y is up, y where z is up, z where x is up.
+    /// The compass of a scene whose camera has this vector upwards: north is −z where y is up, y where z is up, z where
+    /// x is up.
     pub fn of_up(up: Vec3) -> Self {
         let axis = up.abs().max_position();
         let sign = if up[axis] < 0.0 { -1.0 } else { 1.0 };
@@ -49,8 +50,8 @@ impl Compass {
 /// Unit vector to the sun, below the horizon too: altitude and azimuth by the hour angle `h = 15° (hour − 12)` and the
 /// declination `δ = 23.45° sin(360° (284 + day)/365)`.
 ///
-/// Source: Cooper, The absorption of radiation in solar stills, 1969, for δ; Duffie and Beckman, Solar Engineering of Thermal
-/// Processes, section 1.6, for the rest.
+/// Source: Cooper, The absorption of radiation in solar stills, 1969, for δ; Duffie and Beckman, Solar Engineering of
+/// Thermal Processes, section 1.6, for the rest.
 pub fn direction_to_sun(time: SunTime, compass: Compass) -> Vec3 {
     let day_angle = TAU * (284.0 + f64::from(time.day)) / DAYS;
     let (above, level) = (TILT_DEGREES * day_angle.sin()).to_radians().sin_cos();

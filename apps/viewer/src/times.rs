@@ -12,7 +12,7 @@ const PIXEL_PASSES: [&str; 3] = ["shade", "mark", "display"];
 /// Times of a frame, ms.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct FrameTimes {
-    /// Of each kind of pass.
+    /// Time of each kind of pass.
     pub passes: Vec<(String, f64)>,
     /// From the frame before to this one.
     pub total: f64,
@@ -101,7 +101,7 @@ impl Times {
 }
 
 impl Rate {
-    /// What limits the rate, in a line.
+    /// The limit of the rate, in a line.
     pub fn in_words(&self) -> String {
         let Self { frames, per_second, means, longest } = self;
         let total: f64 = means.iter().sum();

@@ -1,5 +1,5 @@
-//! `patchlight view`: scripts drive the window on a display in memory (Xvfb); what it shows is compared with pictures of the
-//! library. Skipped where Xvfb or a Vulkan driver is missing, unless `REQUIRE_VULKAN=1`.
+//! `patchlight view`: scripts drive the window on a display in memory (Xvfb); what it shows is compared with pictures
+//! of the library. Skipped where Xvfb or a Vulkan driver is missing, unless `REQUIRE_VULKAN=1`.
 
 mod program;
 
@@ -275,8 +275,8 @@ fn keys_and_pointer_of_a_script_move_the_camera() {
     assert!(difference(&before, &shot("panels.png")).1 > 1000, "Tab shows the panels");
 }
 
-/// The box is 0.55 m wide, its camera looks along +z; the wall at its left, where x is greatest, is red, and the tall block stands
-/// before the left of its back wall.
+/// The box is 0.55 m wide, its camera looks along +z; the wall at its left, where x is greatest, is red, and the tall
+/// block stands before the left of its back wall.
 #[test]
 fn the_object_is_lit_where_it_is_and_hidden_behind_what_is_before_it() {
     let Some(display) = Xvfb::start() else { return };

@@ -1,4 +1,5 @@
-//! A scene back into files: scene .toml, OBJ, MTL, PNG textures, EXR sky, IES luminaires; with its light ([`lit`]) as glTF and PLY.
+//! A scene back into files: scene .toml, OBJ, MTL, PNG textures, EXR sky, IES luminaires; with its light ([`lit`]) as
+//! glTF and PLY.
 
 pub mod lit;
 mod luminaire;
@@ -24,7 +25,8 @@ use crate::import::{Animation, ImportError, LoadedScene, Target};
 /// Bytes that are written between two questions whether to go on.
 const WRITTEN_AT_ONCE: usize = 1 << 20;
 
-/// Writes the files of a scene ([`SceneFiles`]) into a folder that is made when needed. Returns the path of the scene file.
+/// Writes the files of a scene ([`SceneFiles`]) into a folder that is made when needed. Returns the path of the scene
+/// file.
 ///
 /// # Errors
 /// [`ImportError::Write`] names the file.

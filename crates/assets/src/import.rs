@@ -1,5 +1,5 @@
-//! Scene files in: scene .toml version 1, OBJ with MTL, glTF and GLB, their textures, lights and cameras, luminaires of IES and
-//! EULUMDAT files.
+//! Scene files in: scene .toml version 1, OBJ with MTL, glTF and GLB, their textures, lights and cameras, luminaires of
+//! IES and EULUMDAT files.
 //!
 //! Everything inside a [`scene::Scene`] is in metres: lengths of files are multiplied by `metres_per_unit`. What can be
 //! repaired is repaired and stated in [`LoadedScene::warnings`]; what cannot is an [`ImportError`] that names file,
@@ -32,7 +32,7 @@ pub use lightmap_uvs::{AtlasTriangle, LightmapUvs};
 pub use luminaire::Photometry;
 pub use pictures::is_guarded;
 
-/// Where a picture is taken from, in metres.
+/// Viewpoint of a picture, in metres.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct View {
     /// Position of the eye, m.
@@ -65,7 +65,7 @@ pub struct Dropped {
     pub zero_area: usize,
     /// Equal to another one: same corners, same winding.
     pub duplicates: usize,
-    /// Of a material with `d` below 0.5.
+    /// Triangles of a material with `d` below 0.5.
     pub holes: usize,
 }
 
@@ -88,7 +88,7 @@ pub struct LoadedScene {
     pub materials: Vec<String>,
     /// Names of textures, in the order of [`scene::Geometry::textures`].
     pub textures: Vec<String>,
-    /// What was repaired or replaced; each line names the file or material.
+    /// Repairs and replacements; each line names the file or material.
     pub warnings: Vec<String>,
     /// Lights and camera over time; without tracks when the file has none.
     pub animation: Animation,
@@ -122,8 +122,8 @@ impl Default for LoadOptions {
     }
 }
 
-/// Reads a scene file (.toml, .obj, .gltf, .glb), or builds the built-in scene of that name ([`crate::procedural`]) when
-/// there is no such file.
+/// Reads a scene file (.toml, .obj, .gltf, .glb), or builds the built-in scene of that name ([`crate::procedural`])
+/// when there is no such file.
 ///
 /// # Errors
 /// [`ImportError`]: file, place and remedy.

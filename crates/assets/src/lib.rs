@@ -1,6 +1,6 @@
-//! Scenes in and out: scene .toml, OBJ with MTL, glTF and GLB with their textures, lights, cameras and animations, measured
-//! luminaires of IES LM-63 and EULUMDAT files ([`import`]); the same written as files ([`export`]); and scenes that are built
-//! by a program ([`procedural`]).
+//! Scenes in and out: scene .toml, OBJ with MTL, glTF and GLB with their textures, lights, cameras and animations,
+//! measured luminaires of IES LM-63 and EULUMDAT files ([`import`]); the same written as files ([`export`]); and scenes
+//! that are built by a program ([`procedural`]).
 //!
 //! ```
 //! let loaded = patchlight_assets::import::load_or_build("cornell")?;

@@ -58,18 +58,18 @@ pub const NAMES: [&str; BUILT_IN.len()] = {
 /// So far below the lowest point of a scene lies the ground round it, m: no two faces in one place.
 const GROUND_GAP: f32 = 0.01;
 
-/// What a built-in scene consists of.
+/// Contents of a built-in scene.
 struct Built {
     mesh: Mesh,
     lights: Vec<Light>,
     sky: Vec3,
     view: View,
     exposure_stops: f32,
-    /// What moves.
+    /// Animation tracks.
     tracks: Vec<Track>,
 }
 
-/// Whether `spec` (NAME, NAME:TRIANGLES or NAME:KEY=VALUE,…) names a built-in scene.
+/// Returns true if `spec` (NAME, NAME:TRIANGLES or NAME:KEY=VALUE,…) names a built-in scene.
 pub fn is_built_in(spec: &str) -> bool {
     NAMES.contains(&spec.split(':').next().unwrap_or_default())
 }

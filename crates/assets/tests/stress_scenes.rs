@@ -1,4 +1,5 @@
-//! The built-in scenes that show faults: closed where they should be, and as large, thick and far apart as was asked for.
+//! The built-in scenes that show faults: closed where they should be, and as large, thick and far apart as was asked
+//! for.
 
 use glam::{DVec3, Vec3};
 use patchlight_assets::{LoadedScene, procedural};

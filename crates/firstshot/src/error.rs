@@ -1,4 +1,4 @@
-//! What can be wrong is what can be wrong in any method.
+//! Errors, the same as in any method.
 
 pub use transport::Error;
 pub(crate) use transport::check_length;

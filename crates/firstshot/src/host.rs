@@ -17,5 +17,5 @@ pub use light_elements::{
 pub use maps::IlluminationMaps;
 pub use sums::{Sums, flux_words, group_areas, register_photons, relative_error, tally_words};
 pub use trace::{PhotonScene, trace_photons};
-pub use tracer::{Cubic, Estimate, MOST_ROUND, PhotonAccumulator, PhotonSettings, Round, Sequences, Tracer};
+pub use tracer::{Cubic, Estimate, MAX_ROUND, PhotonAccumulator, PhotonSettings, Round, Sequences, Tracer};
 pub use transport::Proceed;

@@ -1,10 +1,10 @@
 #![no_std]
 //! Photons that start where lights fall first: indirect light of any mesh, unbiased, with its own error.
 //!
-//! Photons that are traced from lights spend their first segment, and most of their number where surfaces are dark, on light
-//! that shadow rays find better. Here they start *already reflected*, from the surfaces that lights fall on (E. A. Kopylov,
-//! "An efficient method of illumination computation using a probability distribution function for ray generation", Keldysh
-//! Institute):
+//! Photons that are traced from lights spend their first segment, and most of their number where surfaces are dark, on
+//! light that shadow rays find better. Here they start *already reflected*, from the surfaces that lights fall on (E.
+//! A. Kopylov, "An efficient method of illumination computation using a probability distribution function for ray
+//! generation", Keldysh Institute):
 //!
 //! 1. **Light elements** ([`light_elements`]): each triangle that a point, spot or parallel light may fall on is
 //!    split into two, three or four until the light in the middle of a light element is the mean of that at its
@@ -15,27 +15,28 @@
 //!    sky, by the luminance of their power, picks in O(1). With A, B, C at a light element's corners and S = A + B +
 //!    C the start point is at u from `u³(S − 3B) − 3u²(S − 2B) + 3u(S − B) = αS`, and v is linear on the section
 //!    ([`kernel::linear`]).
-//! 3. **Tracing** ([`Tracer`]): cosine-weighted directions, roulette with the chance `lum(ρ∘Φ)/lum(Φ)`, so all photons keep
-//!    one luminance and their colour is in the ratio of the channels. Surfaces are two-sided Lambert, mirrors and clear
-//!    glass in any mixture: the same number picks, and photons that start on a specular part keep the direction of the
-//!    lamp's light. Holes let photons through. Each photon hit of reflected light adds to its cell j of a [`PhotonAccumulator`] (illumination maps,
-//!    or patches): `H_j = Φ m_j / S_j`, W/m². Light that comes straight from area lights is direct and not counted,
-//!    unless asked for.
+//! 3. **Tracing** ([`Tracer`]): cosine-weighted directions, roulette with the chance `lum(ρ∘Φ)/lum(Φ)`, so all photons
+//!    keep one luminance and their colour is in the ratio of the channels. Surfaces are two-sided Lambert, mirrors and
+//!    clear glass in any mixture: the same number picks, and photons that start on a specular part keep the direction
+//!    of the lamp's light. Holes let photons through. Each photon hit of reflected light adds to its cell j of a
+//!    [`PhotonAccumulator`] (illumination maps, or patches): `H_j = Φ m_j / S_j`, W/m². Light that comes straight from
+//!    area lights is direct and not counted, unless asked for.
 //!
-//! With shadow rays from the start points (`is_exact`) a photon's flux is that of the light there, `h(x)/h_linear(x)`, and H has
-//! no bias from the table, but for spots of light that all four points of an element and of the one around it miss;
-//! without them the table is the light, as in Kopylov's method. What else is printed there can be chosen: his algorithm 1
-//! ([`Subdivision::Kopylov`]), Cardano's formula ([`Cubic::Cardano`]), the brightest texel ([`Texels::Bound`]).
-//! [`Emission::classical`] sends all photons from the lights, in the same code. A medium between surfaces absorbs: a segment of
-//! d m leaves `e^(−σ d)` of the light.
+//! With shadow rays from the start points (`is_exact`) a photon's flux is that of the light there, `h(x)/h_linear(x)`,
+//! and H has no bias from the table, but for spots of light that all four points of an element and of the one around it
+//! miss; without them the table is the light, as in Kopylov's method. What else is printed there can be chosen: his
+//! algorithm 1 ([`Subdivision::Kopylov`]), Cardano's formula ([`Cubic::Cardano`]), the brightest texel
+//! ([`Texels::Bound`]). [`Emission::classical`] sends all photons from the lights, in the same code. A medium between
+//! surfaces absorbs: a segment of d m leaves `e^(−σ d)` of the light.
 //!
-//! The error is known from independent batches, `√(Σ A σ² / Σ A H²)`; [`Tracer::run`] goes on until it is what was asked for.
-//! Numbers come from Sobol's sequence with Owen's scrambling or from a hash. Sums are integers in fixed point, in units of 2⁻²⁰
-//! of a photon's mean flux ([`kernel::fixed`]): they do not depend on the order of photons, and the same seed gives the same
-//! bytes for any number of threads and any division into rounds, by the host and by a device. The bodies in [`kernel`] run as
-//! SPIR-V and on the host alike.
+//! The error is known from independent batches, `√(Σ A σ² / Σ A H²)`; [`Tracer::run`] goes on until it is what was
+//! asked for. Numbers come from Sobol's sequence with Owen's scrambling or from a hash. Sums are integers in fixed
+//! point, in units of 2⁻²⁰ of a photon's mean flux ([`kernel::fixed`]): they do not depend on the order of photons, and
+//! the same seed gives the same bytes for any number of threads and any division into rounds, by the host and by a
+//! device. The bodies in [`kernel`] run as SPIR-V and on the host alike.
 //!
-//! Start points of a million photons, per cent in eighths of u (and of v) beside the density, lights at the corners 1, 0, 0 and
+//! Start points of a million photons, per cent in eighths of u (and of v) beside the density, lights at the corners 1,
+//! 0, 0 and
 //! 0.2, 1, 0.6:
 //!
 //! ```text

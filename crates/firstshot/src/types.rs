@@ -16,8 +16,8 @@ pub const ELEMENT_BEAM: u32 = 4;
 /// [`Element::kind`]: a point or spot light.
 pub const ELEMENT_BULB: u32 = 5;
 
-/// Something that photons start from. Over all elements and places the photons' density is that of the power, as well as it
-/// is known; what is not known exactly is in the photon's flux.
+/// Something that photons start from. Over all elements and places the photons' density is that of the power, as well
+/// as it is known; what is not known exactly is in the photon's flux.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct Element {
@@ -63,13 +63,15 @@ pub const SEQUENCE_SOBOL: u32 = 1;
 
 /// [`PhotonParams::flags`]: a shadow ray from the start point tells its light; without, the table's is taken (Kopylov).
 pub const FLAG_EXACT: u32 = 1;
-/// [`PhotonParams::flags`]: densities are those of the brightest texel; what a darker one would not send is rejected (Kopylov).
+/// [`PhotonParams::flags`]: densities are those of the brightest texel; what a darker one would not send is rejected
+/// (Kopylov).
 pub const FLAG_BOUND: u32 = 2;
-/// [`PhotonParams::flags`]: light that comes straight from area lights and the sky is registered, too; else indirect light only.
+/// [`PhotonParams::flags`]: light that comes straight from area lights and the sky is registered, too; else indirect
+/// light only.
 pub const FLAG_DIRECT: u32 = 1 << 16;
 
 /// Most photons of a run: more may overflow the sums ([`crate::kernel::fixed`]).
-pub const MOST_PHOTONS: u64 = 1 << 33;
+pub const MAX_PHOTONS: u64 = 1 << 33;
 /// [`PhotonParams::flags`]: start points are found by Cardano's formula (Kopylov), else by Newton's method.
 pub const FLAG_CARDANO: u32 = 4;
 
@@ -147,7 +149,7 @@ const _: () = assert!(size_of::<Fixed>() == 8);
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct Photon {
-    /// Where its segment starts, m.
+    /// Start of its segment, m.
     pub origin: Vec3,
     /// Surfaces that have reflected its light.
     pub reflections: u32,
@@ -169,11 +171,12 @@ pub const HIT_FIRST: u32 = 2;
 /// [`PhotonHit::info`]: the light was reflected before, so it is indirect.
 pub const HIT_INDIRECT: u32 = 4;
 
-/// Where a segment of a photon ends.
+/// End of a photon's segment.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 pub struct PhotonHit {
-    /// Flux that arrives, after what the medium has absorbed, over the mean flux of a photon; zero where there was no photon.
+    /// Flux that arrives, after what the medium has absorbed, over the mean flux of a photon; zero where there was no
+    /// photon.
     pub flux: Vec3,
     /// The triangle, or [`scene::NONE`] where the photon left the scene.
     pub triangle: u32,
@@ -188,7 +191,8 @@ pub struct PhotonHit {
 }
 const _: () = assert!(size_of::<PhotonHit>() == 32);
 
-/// Cells of a triangle's illumination map: `divisions²` on the front from `first` on, and as many on the back after them.
+/// Cells of a triangle's illumination map: `divisions²` on the front from `first` on, and as many on the back after
+/// them.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
 pub struct MapGrid {

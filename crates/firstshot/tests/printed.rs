@@ -1,4 +1,4 @@
-//! What Kopylov prints: algorithm 1, Cardano's formula, direct light at corners.
+//! Kopylov's published variants: algorithm 1, Cardano's formula, direct light at corners.
 
 mod support;
 
@@ -12,8 +12,8 @@ use patchlight_firstshot::{
 use scene::{LIGHT_DIRECTIONAL, Light, Scene, Triangle};
 use support::*;
 
-/// Light elements after one split of a triangle as Kopylov prints it, B and C at ±1 m of the corner A's height `apex` above
-/// BC, with a lamp 0.05 m over the share `along` of the way from A to the middle of BC.
+/// Light elements after one split of a triangle as Kopylov prints it, B and C at ±1 m of the corner A's height `apex`
+/// above BC, with a lamp 0.05 m over the share `along` of the way from A to the middle of BC.
 fn split_once(apex: f32, along: f32) -> (Scene, Vec<LightElement>) {
     let (a, b, c) = (Vec3::Z * -apex, Vec3::new(-1.0, 0.0, 0.0), Vec3::X);
     let triangle = Triangle { corner: a, edge_a: b - a, edge_b: c - a, ..Triangle::default() };
@@ -25,7 +25,7 @@ fn split_once(apex: f32, along: f32) -> (Scene, Vec<LightElement>) {
     (scene, elements)
 }
 
-/// Whether an element has a corner at these shares.
+/// Returns true if an element has a corner at these shares.
 fn has_corner(element: &LightElement, at: Vec2) -> bool {
     element.corners.iter().any(|corner| corner.distance(at) < 1e-6)
 }
@@ -60,7 +60,8 @@ fn the_printed_subdivision_has_the_light_of_a_lamp_and_leaves_even_light_whole()
     let with = |tolerance: f32| LightElementSettings { tolerance, ..LightElementSettings::default() };
     let truth = light(&of(with(0.001)).elements);
     let printed = |tolerance: f32| of(with(tolerance).as_printed());
-    // The middle of an element says less of its light than edges do: 2 % too much with a tolerance of 5 %, less with less.
+    // The middle of an element says less of its light than edges do: 2 % too much with a tolerance of 5 %, less with
+    // less.
     for (tolerance, off) in [(0.05, 0.03), (0.02, 0.006), (0.005, 0.002)] {
         let found = printed(tolerance);
         for (name, found) in [("ours", of(with(tolerance))), ("printed", printed(tolerance))] {

@@ -1,4 +1,4 @@
-//! What must hold for any scene: agreement of both ways to shoot, sealed rooms, the same bytes, odd triangles, no light.
+//! Properties of any scene: agreement of both ways to shoot, sealed rooms, the same bytes, odd triangles, no light.
 
 mod support;
 
@@ -6,7 +6,7 @@ use std::ops::ControlFlow;
 
 use glam::Vec3;
 use patchlight_firstshot::{
-    Emission, Error, IlluminationMaps, LightElementSettings, MOST_PHOTONS, PhotonAccumulator, PhotonHit, PhotonScene,
+    Emission, Error, IlluminationMaps, LightElementSettings, MAX_PHOTONS, PhotonAccumulator, PhotonHit, PhotonScene,
     PhotonSettings, Sequences, Subdivision, Texels, Tracer, light_elements, trace_photons,
 };
 use scene::{Light, Scene, Triangle};
@@ -309,8 +309,8 @@ fn bad_settings_are_refused() {
     assert!(setting("batches")(&refused(PhotonSettings { batches: 1, ..PhotonSettings::default() })));
     assert!(setting("error")(&refused(PhotonSettings { error: f64::NAN, ..PhotonSettings::default() })));
     assert!(setting("most_photons")(&refused(photons(0))));
-    assert!(matches!(refused(photons(MOST_PHOTONS + 1)), Error::TooMany { name: "photons", .. }));
-    assert!(Tracer::new(&scene, &emission, &maps, photons(MOST_PHOTONS)).is_ok());
+    assert!(matches!(refused(photons(MAX_PHOTONS + 1)), Error::TooMany { name: "photons", .. }));
+    assert!(Tracer::new(&scene, &emission, &maps, photons(MAX_PHOTONS)).is_ok());
     let stopped = light_elements(&scene, &LightElementSettings::default(), &|_, _| ControlFlow::Break(()));
     assert!(matches!(stopped, Err(Error::Cancelled { .. })));
     assert!(matches!(maps.corner_irradiance(&scene, &[]), Err(Error::Length { .. })));

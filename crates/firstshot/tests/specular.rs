@@ -9,7 +9,7 @@ use patchlight_firstshot::{Emission, Estimate, IlluminationMaps, PhotonAccumulat
 use scene::{LIGHT_DIRECTIONAL, Light, Material, Scene, Triangle};
 use support::*;
 
-/// Of glass.
+/// Refractive index of glass.
 const INDEX: f32 = 1.5;
 
 fn specular(mirror: Vec3, transmittance: f32) -> Material {

@@ -43,8 +43,8 @@ fn the_printed_cubic_has_the_same_root() {
     }
 }
 
-/// Greatest differences of a formula for u to Newton's root, and of the density below it to what it should be: over shares of the
-/// second corner from 0 to 1, those near a third included, where the cubic is nearly a quadratic.
+/// Greatest differences of a formula for u to Newton's root, and of the density below it to what it should be: over
+/// shares of the second corner from 0 to 1, those near a third included, where the cubic is nearly a quadratic.
 fn worst_of_cardano(formula: impl Fn(f32, f32) -> f32) -> (f32, f64) {
     let third = 1.0f32 / 3.0;
     let shares = (0..=1000).map(|k| k as f32 / 1000.0);

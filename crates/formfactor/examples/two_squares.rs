@@ -1,4 +1,5 @@
-//! Two parallel unit squares at a distance of one metre: their form factor and its closed form, and the light between them.
+//! Two parallel unit squares at a distance of one metre: their form factor and its closed form, and the light between
+//! them.
 
 use std::ops::ControlFlow;
 

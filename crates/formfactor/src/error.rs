@@ -1,4 +1,4 @@
-//! What can be wrong with patches, form factors and their files.
+//! Errors of patches, form factors and their files.
 
 /// Why a form-factor computation was refused.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -31,7 +31,7 @@ pub enum Error {
     File {
         /// The file.
         path: alloc::string::String,
-        /// What the operating system says.
+        /// Message of the operating system.
         reason: alloc::string::String,
     },
     /// A file of rows is not what it should be.
@@ -39,11 +39,11 @@ pub enum Error {
     FileContent {
         /// The file.
         path: alloc::string::String,
-        /// What is wrong.
+        /// Description of the fault.
         reason: &'static str,
-        /// What should stand there.
+        /// Expected value.
         expected: u64,
-        /// What stands there.
+        /// Value found.
         found: u64,
     },
 }

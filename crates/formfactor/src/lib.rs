@@ -4,14 +4,15 @@
 //! `F_ij` is the share of the energy leaving patch i that arrives at j, `F_i0` the share that escapes to the sky:
 //! `F_ij = 1/A_i ∫∫ V cosθ_i cosθ_j / (π r²) dA_j dA_i`, `A_i F_ij = A_j F_ji`, `Σ_j F_ij + F_i0 = 1`.
 //! Light follows from `B = E + ρ∘(F B)`; the output is the irradiance `H = F B`. Lengths are metres, E, B and H W/m².
-//! [`form_factors`] fills the rows between any [`transport::Surfaces`] by one of four estimators: [`Hemisphere`] (rays),
-//! [`AreaToArea`] (pairs of points), [`PointToPoint`] (disc form) and [`Contour`] (Lambert's exact sum, the reference for
-//! accuracy). [`balance`] enforces reciprocity and closure, [`reciprocal`] that of sparse rows. Rows multiply as
-//! [`transport::Dense`], [`transport::Half`], [`transport::Csr`] and, where they come from rays, the small
-//! [`transport::HitCounts`]; [`jacobi`], [`gauss_seidel`], [`shoot`] and [`lu`] solve; [`RowFileWriter`] takes rows to disk.
-//! The bodies in [`kernel`] run as SPIR-V and on the host alike.
+//! [`form_factors`] fills the rows between any [`transport::Surfaces`] by one of four estimators: [`Hemisphere`]
+//! (rays), [`AreaToArea`] (pairs of points), [`PointToPoint`] (disc form) and [`Contour`] (Lambert's exact sum, the
+//! reference for accuracy). [`balance`] enforces reciprocity and closure, [`reciprocal`] that of sparse rows. Rows
+//! multiply as [`transport::Dense`], [`transport::Half`], [`transport::Csr`] and, where they come from rays, the small
+//! [`transport::HitCounts`]; [`jacobi`], [`gauss_seidel`], [`shoot`] and [`lu`] solve; [`RowFileWriter`] takes rows to
+//! disk. The bodies in [`kernel`] run as SPIR-V and on the host alike.
 //!
-//! Sources: Goral et al. 1984; Cohen et al. 1988; Baum, Rushmeier and Winget 1989; A. S. Shcherbakov, thesis, MSU 2025, 2.2.5.
+//! Sources: Goral et al. 1984; Cohen et al. 1988; Baum, Rushmeier and Winget 1989; A. S. Shcherbakov, thesis, MSU 2025,
+//! 2.2.5.
 //!
 //! ```
 //! # extern crate transport as patchlight_transport;

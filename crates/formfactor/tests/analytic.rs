@@ -71,7 +71,8 @@ fn spread(polygon: &Polygon, count: u32, seed: u32) -> Vec<SurfacePoint> {
         .collect()
 }
 
-/// Form factor of a case by an estimator, with real rays against the polygons: the mean of `row_count` independent rows.
+/// Form factor of a case by an estimator, with real rays against the polygons: the mean of `row_count` independent
+/// rows.
 fn estimate(case: &Case, estimator: &dyn Estimator, row_count: u32, point_count: u32) -> f64 {
     let polygons_to: Vec<Polygon> = case.to.iter().map(|c| Polygon::new(c).unwrap()).collect();
     let mut triangles: Vec<Triangle> = case.to.iter().enumerate().flat_map(|(k, c)| fan(c, k as u32)).collect();
@@ -187,7 +188,8 @@ fn point_parallel(a: f64, b: f64, c: f64) -> f64 {
     (x / x1 * (y / x1).atan() + y / y1 * (x / y1).atan()) / (2.0 * PI)
 }
 
-/// Howell B-4: point in the plane at a right angle to a rectangle of height a and width b, at distance c from its corner.
+/// Howell B-4: point in the plane at a right angle to a rectangle of height a and width b, at distance c from its
+/// corner.
 fn point_perpendicular(a: f64, b: f64, c: f64) -> f64 {
     let (x, y) = (a / b, c / b);
     let s = (x * x + y * y).sqrt();

@@ -1,4 +1,4 @@
-//! What must hold for any scene: reciprocity, closure, furnace, energy, invariance, the same bytes for any thread count.
+//! Properties of any scene: reciprocity, closure, furnace, energy, invariance, the same bytes for any thread count.
 
 use std::ops::ControlFlow;
 

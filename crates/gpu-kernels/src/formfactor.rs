@@ -32,9 +32,8 @@ kernels! {
         hemisphere::classify_hit(p, grids, cell_columns, &geometry, direction, hit)
     }
 
-    /// What every hemisphere ray of a block of rows meets, rows one after the other, for patches that
-    /// only the host finds: [`hemisphere::hemisphere_ray`]. One invocation per ray:
-    /// `row_count · rays`.
+    /// Traces every hemisphere ray of a block of rows, rows one after the other, for patches that only the host finds:
+    /// [`hemisphere::hemisphere_ray`]. One invocation per ray: `row_count · rays`.
     FORMFACTOR_HEMISPHERE_SURFACES = "formfactor_hemisphere_surfaces"(p: HemisphereParams)
     for k in 0..row_count * rays {
         offsets: read [u32; p.first_row as usize + row_count + 1],
@@ -77,7 +76,7 @@ kernels! {
         }
     } host crate::host::formfactor::gather;
 
-    /// The same with factors as half-precision numbers, four in two words.
+    /// Gathers with factors as half-precision numbers, four in two words.
     FORMFACTOR_GATHER_HALF = "formfactor_gather_half"(p: GatherParams)
     for group of ROWS_TOGETHER in 0..rows, lane, shared: [Vec4; 256] {
         factors: read [UVec2],

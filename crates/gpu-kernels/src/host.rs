@@ -1,6 +1,6 @@
-//! The host form of the kernels: the same bodies, run over all elements on all cores. Every element is computed by itself,
-//! so the result does not depend on the number of threads. Most host forms follow from the kernel's declaration; here are
-//! those that are faster than a loop over the elements.
+//! The host form of the kernels: the same bodies, run over all elements on all cores. Every element is computed by
+//! itself, so the result does not depend on the number of threads. Most host forms follow from the kernel's
+//! declaration; here are those that are faster than a loop over the elements.
 
 pub(crate) mod firstshot;
 pub(crate) mod formfactor;
@@ -21,7 +21,7 @@ use rayon::prelude::*;
 
 use crate::table::{Access, BindingKind, ImageFormat, Kernel};
 
-/// What is bound at one place, borrowed from the executor. Buffers are aligned to 16 bytes.
+/// Resource bound at one place, borrowed from the executor. Buffers are aligned to 16 bytes.
 #[derive(Debug)]
 pub enum HostBinding<'a> {
     /// A buffer that is read.
@@ -84,7 +84,7 @@ pub enum HostError {
         kernel: &'static str,
         /// The binding.
         binding: &'static str,
-        /// What belongs there.
+        /// Expected type.
         expected: &'static str,
     },
     /// Bytes that are no whole number of elements, or start off their alignment.
@@ -222,7 +222,7 @@ impl<'s> Bound<'s, '_> {
         Ok(self.read::<BvhNode>(1)?.into())
     }
 
-    /// Whether the image has at least so many texels each way.
+    /// Returns true if the image has at least so many texels each way.
     fn covers(&self, width: u32, height: u32) -> Result<(), HostError> {
         let found = match &*self.data {
             HostBinding::Image { width, height, .. } => (*width, *height),
@@ -281,7 +281,7 @@ fn long_enough(binding: &'static str, found: usize, needed: usize) -> Result<(),
     if found < needed { Err(HostError::TooShort { binding, needed, found }) } else { Ok(()) }
 }
 
-/// How many elements a table has at least whose elements these numbers name: the greatest number, and one more.
+/// Number of elements that these numbers name: the greatest number, and one more.
 pub(crate) fn named(numbers: &[u32]) -> usize {
     numbers.iter().map(|&k| k as usize + 1).max().unwrap_or(0)
 }
@@ -295,7 +295,7 @@ pub fn each<T: Send>(elements: &mut [T], f: impl Fn(u32, &mut T) + Sync) {
     elements.par_iter_mut().with_min_len(TOGETHER).enumerate().for_each(|(k, element)| f(k as u32, element));
 }
 
-/// The same of the elements of two tables together.
+/// Runs over the elements of two tables together, in parallel.
 #[doc(hidden)]
 pub fn each_pair<A: Send, B: Send>(a: &mut [A], b: &mut [B], f: impl Fn(u32, &mut A, &mut B) + Sync) {
     let pairs = a.par_iter_mut().zip(b).with_min_len(TOGETHER).enumerate();

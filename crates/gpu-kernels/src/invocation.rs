@@ -5,8 +5,8 @@ use glam::UVec3;
 /// Invocations of a workgroup, for every kernel.
 pub const WORKGROUP: u32 = 64;
 
-/// Element of this invocation. A dispatch is at most 65,535 workgroups wide (the least `maxComputeWorkGroupCount`); what is
-/// more goes on in further rows of workgroups.
+/// Element of this invocation. A dispatch is at most 65,535 workgroups wide (the least `maxComputeWorkGroupCount`);
+/// what is more goes on in further rows of workgroups.
 #[inline]
 pub fn element(id: UVec3, groups: UVec3) -> u32 {
     id.x + id.y * groups.x * WORKGROUP

@@ -3,25 +3,26 @@
 //! The arithmetic is in the bodies of `scene::kernel`, `formfactor::kernel`, `patches::kernel`, `multibounce::kernel`,
 //! `localmatrix::kernel`, `temporal::kernel` and `firstshot::kernel`. Here each is declared
 //! once, in the file of its method. From the declaration follow its entry point (bindings, range check, one call), its
-//! module `spv/<crate>_<kernel>.spv`, its row in [`table::KERNELS`] and its host form ([`host`]), which runs the same body
-//! over all elements on all cores. Results agree in all bits on the devices that we know, because the modules forbid contraction
-//! and take their maths from polynomials of our own.
+//! module `spv/<crate>_<kernel>.spv`, its row in [`table::KERNELS`] and its host form ([`host`]), which runs the same
+//! body over all elements on all cores. Results agree in all bits on the devices that we know, because the modules
+//! forbid contraction and take their maths from polynomials of our own.
 //!
 //! # Conventions
 //!
-//! - Descriptor set 0; a binding's number is its place in [`table::Kernel::bindings`]. Buffers need one element at least, and
-//!   a written buffer is bound once. Push constants are plain structures: [`params`], and the `Params` of the method crates.
+//! - Descriptor set 0; a binding's number is its place in [`table::Kernel::bindings`]. Buffers need one element at
+//!   least, and a written buffer is bound once. Push constants are plain structures: [`params`], and the `Params` of
+//!   the method crates.
 //! - A dispatch covers a number of *elements* (rays, points, pixels, rows …), the same as in the push constants;
 //!   [`table::Kernel::groups`] converts it to workgroups. They have 64 invocations in x. Beyond 65,535 workgroups a
 //!   dispatch goes on in y: element = x + y · (64 · groups in x).
 //! - Dense products take four rows together, rows of whole vectors of four factors (zeros beyond the columns), and
 //!   `4 · vectors` finite entries of B. A matrix beyond `maxStorageBufferRange` is bound in blocks of rows:
-//!   `GatherParams::first_row` says where the block's rows go. `formfactor_gather` and `_half` share the columns of four rows
-//!   among a workgroup, with coalesced loads.
-//! - Kernels that sample rows take a frame's number, so that each frame draws others; what they write they also read, the
-//!   irradiance of the frame before.
-//! - Lists of slots are made in three passes, `localmatrix_count`, `_start` and `_compact`, the last of which finds the slot at its own
-//!   place; they end with the slots that are not in them, so that each is named once.
+//! `GatherParams::first_row` says where the block's rows go. `formfactor_gather` and `_half` share the columns of four
+//! rows among a workgroup, with coalesced loads.
+//! - Kernels that sample rows take a frame's number, so that each frame draws others; what they write they also read,
+//!   the irradiance of the frame before.
+//! - Lists of slots are made in three passes, `localmatrix_count`, `_start` and `_compact`, the last of which finds the
+//!   slot at its own place; they end with the slots that are not in them, so that each is named once.
 //! - Products with a matrix in texture blocks take one row of blocks a workgroup, by the same tree of lanes.
 //!   `multibounce_reorder` brings vectors into the order of the blocks and back.
 //!
@@ -78,9 +79,9 @@
 //! fastest.
 //!
 //! `just spv` then compiles the module, which the row of the table includes. The tests of layout,
-//! order and parity go through [`table::KERNELS`] and need no edit: `tests/order.rs` calls the entry point itself on the host
-//! ([`table::Kernel::invocation`]), and `tests/parity.rs` compares the executors. Where they may
-//! differ by more than its bounds, it wants a tolerance with its reason.
+//! order and parity go through [`table::KERNELS`] and need no edit: `tests/order.rs` calls the entry point itself on
+//! the host ([`table::Kernel::invocation`]), and `tests/parity.rs` compares the executors. Where they may differ by
+//! more than its bounds, it wants a tolerance with its reason.
 //!
 //! # Rebuilding the modules
 //!
@@ -93,9 +94,10 @@
 //! ```
 //!
 //! Modules are compiled without optimisation, every float operation is decorated `NoContraction`, then `spirv-opt
-//! --strip-debug -O` runs. `spv/manifest.toml` holds the versions and the hashes of all sources and modules; `tests/spv.rs`
-//! compares them, and `builder -- --check` rebuilds and compares the bytes. The warnings that an entry point "has been
-//! inlined" are harmless: without `inline(never)` an entry point that calls nothing would not be compiled at all.
+//! --strip-debug -O` runs. `spv/manifest.toml` holds the versions and the hashes of all sources and modules;
+//! `tests/spv.rs` compares them, and `builder -- --check` rebuilds and compares the bytes. The warnings that an entry
+//! point "has been inlined" are harmless: without `inline(never)` an entry point that calls nothing would not be
+//! compiled at all.
 #![no_std]
 #[cfg(feature = "std")]
 extern crate std;
@@ -116,7 +118,7 @@ mod sums;
 pub mod temporal;
 pub mod tiles;
 
-/// What [`kernels!`] names of the scene, for crates that know it by another name.
+/// Names of the scene crate for [`kernels!`], for crates that know it by another name.
 #[doc(hidden)]
 pub use ::scene as scene_types;
 

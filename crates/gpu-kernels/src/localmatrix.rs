@@ -31,8 +31,8 @@ kernels! {
         kernel::count(block, p.slots, values)
     }
 
-    /// Where each block begins in the list; at the end its length: [`kernel::start`]. One
-    /// invocation per block, and one for the end.
+    /// Start of each block in the list; at the end its length: [`kernel::start`]. One invocation per block, and one for
+    /// the end.
     LOCALMATRIX_START = "localmatrix_start"(p: CountParams) for block in 0..count {
         counts: read [u32; count.saturating_sub(1)],
         starts: write [u32],
@@ -82,8 +82,7 @@ kernels! {
         kernel::spread(slot_of[leaf as usize], irradiance)
     }
 
-    /// What is left of the jumps of each leaf's light, W/m²: [`kernel::fade`]. One invocation
-    /// per leaf.
+    /// Remaining jump of each leaf's light, W/m²: [`kernel::fade`]. One invocation per leaf.
     LOCALMATRIX_FADE = "localmatrix_fade"(p: FadeParams) for k in 0..count {
         before: read [Rgb; count],
         now: read [Rgb; count],

@@ -39,7 +39,7 @@ kernels! {
         }
     } host crate::host::multibounce::blocks_gather_bc1;
 
-    /// The same with blocks of BC3.
+    /// Gathers from blocks of BC3.
     MULTIBOUNCE_BLOCKS_GATHER_BC3 = "multibounce_blocks_gather_bc3"(p: BlockParams)
     for group of 1 in 0..block_rows, lane, shared: [Vec4; 256] {
         blocks: read [UVec4],
@@ -61,7 +61,7 @@ kernels! {
         }
     } host crate::host::multibounce::blocks_gather_bc3;
 
-    /// The same with blocks of BC6H.
+    /// Gathers from blocks of BC6H.
     MULTIBOUNCE_BLOCKS_GATHER_BC6H = "multibounce_blocks_gather_bc6h"(p: BlockParams)
     for group of 1 in 0..block_rows, lane, shared: [Vec4; 256] {
         blocks: read [UVec4],
@@ -83,7 +83,7 @@ kernels! {
         }
     } host crate::host::multibounce::blocks_gather_bc6h;
 
-    /// The same with blocks of BC7.
+    /// Gathers from blocks of BC7.
     MULTIBOUNCE_BLOCKS_GATHER_BC7 = "multibounce_blocks_gather_bc7"(p: BlockParams)
     for group of 1 in 0..block_rows, lane, shared: [Vec4; 256] {
         blocks: read [UVec4],
@@ -105,8 +105,7 @@ kernels! {
         }
     } host crate::host::multibounce::blocks_gather_bc7;
 
-    /// The same with blocks of any format as an image, 4 texels for each block each way, decoded by
-    /// the texture unit.
+    /// Gathers from blocks of any format as an image, 4 texels for each block each way, decoded by the texture unit.
     MULTIBOUNCE_BLOCKS_GATHER_IMAGE = "multibounce_blocks_gather_image"(p: BlockParams)
     for group of 1 in 0..block_rows, lane, shared: [Vec4; 256] {
         blocks: image crate::table::ImageFormat::BLOCKS,
@@ -205,8 +204,8 @@ kernels! {
         invert::pivot_row(k, p, matrix, before)
     }
 
-    /// The same times the inverse of the block: [`invert::scaled_row`]. An invocation makes a vector
-    /// of four columns.
+    /// Multiplies rows by the inverse of the block: [`invert::scaled_row`]. An invocation makes a vector of four
+    /// columns.
     MULTIBOUNCE_SCALED_ROWS = "multibounce_scaled_rows"(p: InvertParams) for k in 0..count {
         inverse: read [Vec4; (invert::PIVOT_ROWS * invert::PIVOT_VECTORS) as usize],
         pivot_rows: read [Vec4; count],

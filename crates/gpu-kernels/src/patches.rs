@@ -1,4 +1,5 @@
-//! Kernels of patches and receivers: lookups between patches and between probes in the air, weighted means of receivers.
+//! Kernels of patches and receivers: lookups between patches and between probes in the air, weighted means of
+//! receivers.
 
 use ::formfactor::kernel::view;
 use ::patches::kernel::{lookup, volume, weights};
@@ -33,8 +34,7 @@ kernels! {
         volume::volume_lookup(p, probes, planes, cubes, point.position, point.normal)
     }
 
-    /// The same of spherical harmonics of degree 1, four coefficients a probe:
-    /// [`volume::volume_lookup_sh`].
+    /// Looks up spherical harmonics of degree 1, four coefficients a probe: [`volume::volume_lookup_sh`].
     PATCHES_VOLUME_LOOKUP_SH = "patches_volume_lookup_sh"(p: VolumeParams) for k in 0..count {
         probes: read [u32; crate::host::patches::voxels(&p.shape)?],
         planes: read [f32; crate::host::patches::of_probes(probes, volume::PLANE_WORDS)],
@@ -59,7 +59,7 @@ kernels! {
         weights::weighted_row(k, p, row_start, list_start, lists, entries, received)
     } host crate::host::patches::weigh;
 
-    /// The same for the rows that a view needs and that are not computed for the light yet.
+    /// Weighs the rows that a view needs and that are not computed for the light yet.
     PATCHES_WEIGH_VIEW = "patches_weigh_view"(p: WeightParams) for k in 0..count {
         row_start: read [u32; count + 1],
         list_start: read [u32; crate::host::patches::blocks(p)?],

@@ -31,8 +31,7 @@ kernels! {
         bvh::any_hit(&geometry, ray.origin, ray.direction, ray.t_max) as u32
     }
 
-    /// Whether light comes to every place, by random walks: [`walk::part_taken`]. One invocation per
-    /// place.
+    /// Finds out whether light comes to every place, by random walks: [`walk::part_taken`]. One invocation per place.
     SCENE_PARTS_TAKEN = "scene_parts_taken"(p: WalkParams) for k in 0..count {
         points: read [SurfacePoint; count],
         geometry: GeometryTables,
@@ -59,7 +58,7 @@ kernels! {
         light::direct_irradiance(&geometry, p, at, points[k as usize], &lights, Air, stopped).extend(0.0)
     }
 
-    /// The same through a medium that absorbs. One invocation per point.
+    /// Direct light through a medium that absorbs. One invocation per point.
     SCENE_DIRECT_LIGHT_MEDIUM = "scene_direct_light_medium"(p: MediumDirectParams) for k in 0..count {
         points: read [SurfacePoint; count],
         geometry: GeometryTables,
@@ -75,9 +74,9 @@ kernels! {
     }
 
     /// Share of the colour of every light in `changed` that arrives at every point as irradiance:
-    /// [`light::irradiance_share`] with shadow rays by [`bvh::occluder`]. `light_count` says how many have changed; `shares` holds
-    /// `count` values for each light, and `occluders` what stopped the last ray of each, as the executor names it, 1 added, or 0:
-    /// most rays meet it again while a light moves little. One invocation per point.
+    /// [`light::irradiance_share`] with shadow rays by [`bvh::occluder`]. `light_count` says how many have changed;
+    /// `shares` holds `count` values for each light, and `occluders` what stopped the last ray of each, as the executor
+    /// names it, 1 added, or 0: most rays meet it again while a light moves little. One invocation per point.
     SCENE_DIRECT_SHARES = "scene_direct_shares"(p: DirectParams) for k in 0..count {
         points: read [SurfacePoint; count],
         geometry: GeometryTables,
@@ -117,8 +116,8 @@ kernels! {
         light::add_lights(k, p, lights, shares, surroundings[k as usize])
     }
 
-    /// What every pixel's primary ray meets, as a hit and as a point to be lit:
-    /// [`camera::primary_hit`], [`camera::surface_point`]. One invocation per pixel.
+    /// Traces every pixel's primary ray, to a hit and to a point to be lit: [`camera::primary_hit`],
+    /// [`camera::surface_point`]. One invocation per pixel.
     SCENE_PRIMARY = "scene_primary"(p: PixelParams) for k in 0..count {
         geometry: GeometryTables,
         hits: write [Hit],
@@ -166,8 +165,8 @@ kernels! {
         )
     }
 
-    /// What every pixel's primary ray shows by way of mirrors and through glass:
-    /// [`specular::follow_primary`]. One invocation per pixel.
+    /// Follows every pixel's primary ray by way of mirrors and through glass: [`specular::follow_primary`]. One
+    /// invocation per pixel.
     SCENE_FOLLOW = "scene_follow"(p: FollowParams) for k in 0..count {
         geometry: GeometryTables,
         lights: Lights,
@@ -187,8 +186,8 @@ kernels! {
         )
     }
 
-    /// The same as points to be lit, and the albedo there, times what its light is multiplied by on its
-    /// way: [`camera::surface_point`], [`specular::chain_albedo`]. One invocation per pixel.
+    /// Points to be lit where specular paths end, and the albedo there, times the path's factor:
+    /// [`camera::surface_point`], [`specular::chain_albedo`]. One invocation per pixel.
     SCENE_CHAIN_SURFACE = "scene_chain_surface"(p: CountParams) for k in 0..count {
         hits: read [Hit; count],
         chains: read [SpecularChain; count],
@@ -231,7 +230,7 @@ kernels! {
         large::sharp_irradiance(p, at, points[i], &lights, from_sky[i], Air, stopped).extend(0.0)
     }
 
-    /// The same through a medium that absorbs. One invocation per point.
+    /// Sharp direct light through a medium that absorbs. One invocation per point.
     SCENE_SHARP_LIGHT_MEDIUM = "scene_sharp_light_medium"(p: MediumDirectParams) for k in 0..count {
         points: read [SurfacePoint; count],
         from_sky: read [Rgb; count],
@@ -284,8 +283,8 @@ kernels! {
         large::add_seen_light(&geometry, &lights, p, at, hits[i], albedo[i], points[i], sums, Air, stopped)
     }
 
-    /// The same through a medium that absorbs: samples that are seen count as far as it leaves them. One
-    /// invocation per pixel.
+    /// Light of visible samples through a medium that absorbs: they count as far as it leaves them. One invocation per
+    /// pixel.
     SCENE_SEEN_LIGHT_MEDIUM = "scene_seen_light_medium"(p: MediumLargeParams) for k in 0..count {
         hits: read [Hit; count],
         albedo: read [Rgb; count],

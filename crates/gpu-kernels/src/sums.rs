@@ -14,7 +14,8 @@ use glam::Vec3;
 fn fetch_add(word: &mut u32, value: u32) -> u32 {
     use spirv_std::arch::atomic_i_add;
     use spirv_std::memory::{Scope, Semantics};
-    // SAFETY: the word is in a storage buffer that the kernel changes by atomic additions only; a dispatch runs on one queue.
+    // SAFETY: the word is in a storage buffer that the kernel changes by atomic additions only; a dispatch runs on one
+    // queue.
     unsafe { atomic_i_add::<u32, { Scope::QueueFamily as u32 }, { Semantics::NONE.bits() }>(word, value) }
 }
 

@@ -1,5 +1,5 @@
-//! What the host knows of each kernel: name, module, bindings, how many elements a workgroup takes,
-//! and its host form. The rows follow from the declarations in the files of the methods.
+//! The host's table of kernels: name, module, bindings, invocations a workgroup, and host form. The rows follow from
+//! the declarations in the files of the methods.
 
 mod row;
 

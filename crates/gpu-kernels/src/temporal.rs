@@ -33,7 +33,7 @@ kernels! {
         sample::sample_list(k, p, row_start, columns, row_sums, exitance, change, previous)
     } host crate::host::temporal::sample_lists;
 
-    /// The same by samples of alias tables (`temporal::AliasTables`): [`tables::sample_table`].
+    /// Samples rows by alias tables (`temporal::AliasTables`): [`tables::sample_table`].
     TEMPORAL_SAMPLE_TABLES = "temporal_sample_tables"(p: SampleParams) for k in 0..rows {
         row_start: read [u32],
         slots: read [u32],
@@ -63,7 +63,7 @@ kernels! {
         irradiance[i as usize] = sample::settle(irradiance[i as usize], exact);
     } host crate::host::temporal::sum_lists;
 
-    /// The same of alias tables: [`tables::sum_table`].
+    /// Sums of alias tables: [`tables::sum_table`].
     TEMPORAL_SUM_TABLES = "temporal_sum_tables"(p: SumParams) for k in 0..count {
         row_start: read [u32],
         slots: read [u32],

@@ -1,5 +1,5 @@
-//! A camera goes down a long corridor and back: the matrix holds the patches about it. Prints how much work that is against
-//! making it anew in every step, and how far it is from that in the end.
+//! A camera goes down a long corridor and back: the matrix holds the patches about it. Prints how much work that is
+//! against making it anew in every step, and how far it is from that in the end.
 
 use glam::Vec3;
 use patchlight_localmatrix::{Entering, LocalMatrix, choose, distance_to_path};

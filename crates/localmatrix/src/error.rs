@@ -1,4 +1,4 @@
-//! What can be wrong with patches and their matrix.
+//! Errors of patches and their matrix.
 
 /// Why a change was refused. The patches that are there stay as they were; ghosts may have given up their slots.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -9,13 +9,13 @@ pub enum Error {
     /// A patch has a value that is no number, or out of range.
     #[error("{name} of patch {patch} is {value}; it must be {rule}")]
     Value {
-        /// What it is.
+        /// Name of the value.
         name: &'static str,
         /// The patch.
         patch: u32,
         /// Its value.
         value: f32,
-        /// What it must be.
+        /// Rule that it breaks.
         rule: &'static str,
     },
     /// A patch enters that is there, or twice.
@@ -62,7 +62,7 @@ pub enum Error {
     Node {
         /// The node.
         node: u32,
-        /// What is wrong.
+        /// Description of the fault.
         reason: &'static str,
     },
     /// Stopped by the caller.

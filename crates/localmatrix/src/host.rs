@@ -16,7 +16,7 @@ pub use choice::{Choice, choose, distance_to_path};
 pub use cut::View;
 pub use forest::Forest;
 pub use local::{Changes, Local, LocalSettings, Step};
-pub use matrix::{Entering, LocalMatrix, MOST_SLOTS, Update};
+pub use matrix::{Entering, LocalMatrix, MAX_SLOTS, Update};
 pub use store::BakeError;
 #[cfg(feature = "std")]
 pub use store::{

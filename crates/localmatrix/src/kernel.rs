@@ -37,7 +37,7 @@ pub fn gather(
     (sum / sqrt_area[slot as usize]).extend(0.0)
 }
 
-/// Whether a slot goes into the list: its light is not 0.
+/// Returns true if a slot goes into the list: its light is not 0.
 #[inline]
 pub fn is_some(value: Vec4) -> bool {
     value.x != 0.0 || value.y != 0.0 || value.z != 0.0
@@ -56,8 +56,8 @@ pub fn count(block: u32, slots: u32, values: &[Vec4]) -> u32 {
     sum
 }
 
-/// Where the slots of a block begin in the list; of the block after the last, the length of the list. Shapes: `counts[blocks]`. Needs
-/// `block ≤ blocks`.
+/// Start of a block's slots in the list; of the block after the last, the length of the list. Shapes: `counts[blocks]`.
+/// Needs `block ≤ blocks`.
 #[inline]
 pub fn start(block: u32, counts: &[u32]) -> u32 {
     let mut sum = 0;
@@ -67,7 +67,8 @@ pub fn start(block: u32, counts: &[u32]) -> u32 {
     sum
 }
 
-/// The slot at a place of a list: those that go into it in their order, then the others in theirs, so that each slot is there once.
+/// The slot at a place of a list: those that go into it in their order, then the others in theirs, so that each slot is
+/// there once.
 ///
 /// Shapes: `starts[blocks + 1]`, `values[slots]`. Needs `place < slots`.
 #[inline]
@@ -102,7 +103,8 @@ pub fn compact(place: u32, slots: u32, starts: &[u32], values: &[Vec4]) -> u32 {
     slot
 }
 
-/// Four entries of a plane of T̂ after an update: `T̂_ij + sign · Σ_k r_ki r_kj`, or what a slot whose column is new has there.
+/// Four entries of a plane of T̂ after an update: `T̂_ij + sign · Σ_k r_ki r_kj`, or what a slot whose column is new
+/// has there.
 ///
 /// Shapes: one invocation for four columns of a row, `[slots · slots / 4]`; `vectors[rank · slots]` and
 /// `columns[new · slots]` from where the parameters say; `new_column[slots]` names the column of each slot that is new,
@@ -164,9 +166,9 @@ pub fn mean(first: u32, end: u32, area: &[f32], exitance: &[Vec4]) -> Vec4 {
     if whole > 0.0 { (sum / whole).extend(0.0) } else { Vec4::ZERO }
 }
 
-/// What is left of the jumps of a leaf's light, W/m²: `o ← s (o + H_before − H)`, so that `H + o` goes on from where the light was
-/// before the matrix changed. `before` and `now` are by the matrix as it was and as it is, of the same exitance; s is `keep`, or more where
-/// a displayed value would change by more than two 255ths, see [`share_left`].
+/// Remaining jump of a leaf's light, W/m²: `o ← s (o + H_before − H)`, so that `H + o` continues from the light before
+/// the matrix changed. `before` and `now` are by the matrix as it was and as it is, of the same exitance; s is `keep`,
+/// or more where a displayed value would change by more than two 255ths, see [`share_left`].
 #[inline]
 pub fn fade(offset: Vec4, before: Vec4, now: Vec4, p: &FadeParams) -> Vec4 {
     let jump = if p.has_jump != 0 { before - now } else { Vec4::ZERO };
@@ -179,12 +181,13 @@ pub fn fade(offset: Vec4, before: Vec4, now: Vec4, p: &FadeParams) -> Vec4 {
     left * if most > blue { most } else { blue }
 }
 
-/// Light is taken from levels so much coarser than the nodes that stand there, as a factor of their edges, that none shows its
-/// edges.
+/// Light is taken from levels so much coarser than the nodes that stand there, as a factor of their edges, that none
+/// shows its edges.
 const COARSER: f32 = 1.6;
 
-/// The level that a leaf takes its light from, and the share of the next coarser one: levels double the edge of nodes, from 0 for
-/// the leaves themselves to `p.levels`, and nodes that look as large as those of the matrix are larger in the distance.
+/// The level that a leaf takes its light from, and the share of the next coarser one: levels double the edge of nodes,
+/// from 0 for the leaves themselves to `p.levels`, and nodes that look as large as those of the matrix are larger in
+/// the distance.
 #[inline]
 pub fn level(p: &LevelParams, centre: Vec3) -> (u32, f32) {
     let distance = sqrt((centre - p.eye).length_squared());
@@ -197,8 +200,8 @@ pub fn level(p: &LevelParams, centre: Vec3) -> (u32, f32) {
     (low, if low < p.levels && size > 1.0 { size - 1.0 } else { 0.0 })
 }
 
-/// What is left of the jumps of a leaf's light, and its light as it is shown, W/m², from what both were and the light that it is to
-/// have: [`fade`]. The fourth component of what is shown is the luminance that was shown in the frame before.
+/// Remaining jump of a leaf's light, and its displayed light, W/m², from the previous values of both and the target.
+/// The fourth component of what is shown is the luminance that was shown in the frame before.
 #[inline]
 pub fn show_leaf(offset: Vec4, before: Vec4, light: Vec4, p: &LevelParams) -> (Vec4, Vec4) {
     let was = if p.begins != 0 { luminance(before.truncate()) } else { before.w };
@@ -207,14 +210,15 @@ pub fn show_leaf(offset: Vec4, before: Vec4, light: Vec4, p: &LevelParams) -> (V
     (left, (light + left).truncate().extend(was))
 }
 
-/// Step of the square root of a displayed value, as a share of display white, with which the value itself changes by no more than two
-/// 255ths: the curve of sRGB is nowhere more than 1.44 times as steep as the square root.
+/// Step of the square root of a displayed value, as a share of display white, with which the value itself changes by no
+/// more than two 255ths: the curve of sRGB is nowhere more than 1.44 times as steep as the square root.
 pub const PACE: f32 = 2.0 / 255.0 / 1.44;
 /// Square root of the share of display white from which a value is displayed as white.
 const NEARLY_DISPLAY_WHITE: f32 = 0.998;
 
-/// Share of `shown − now` that is left after a frame, for one channel, W/m²: `keep`, or as much as the light is still off when its square
-/// root, display white being 1, has come nearer by [`PACE`]. Above display white nothing can be seen to change.
+/// Share of `shown − now` that is left after a frame, for one channel, W/m²: `keep`, or as much as the light is still
+/// off when its square root, display white being 1, has come nearer by [`PACE`]. Above display white nothing can be
+/// seen to change.
 #[inline]
 pub fn share_left(shown: f32, now: f32, p: &FadeParams) -> f32 {
     let (from, to) = (shown / p.display_white, now / p.display_white);
@@ -235,7 +239,8 @@ fn sqrt_to_display_white(share: f32) -> f32 {
     sqrt(if low < 1.0 { low } else { 1.0 })
 }
 
-/// Irradiance of a patch, W/m²: that of its leaf, and what is left of jumps there. Shapes: `now[leaves]`, `offset[leaves]`.
+/// Irradiance of a patch, W/m²: that of its leaf, and what is left of jumps there. Shapes: `now[leaves]`,
+/// `offset[leaves]`.
 #[inline]
 pub fn show(leaf: u32, now: &[Vec4], offset: &[Vec4]) -> Vec4 {
     now[leaf as usize] + offset[leaf as usize]

@@ -1,20 +1,21 @@
 #![no_std]
 //! All bounces of light between the patches round a camera, kept exact while patches come and go.
 //!
-//! A world may have more patches than their matrix can hold. [`LocalMatrix`] holds M slots, and for each colour channel the
-//! operator of all bounces `T = F (I − diag(ρ) F)⁻¹` of the patches in them: irradiance `H = T E` in W/m², for a first
-//! exitance E. A patch that enters is a border of the matrix, with `f̂` its form factors to the others and ρ its reflectance:
+//! A world may have more patches than their matrix can hold. [`LocalMatrix`] holds M slots, and for each colour channel
+//! the operator of all bounces `T = F (I − diag(ρ) F)⁻¹` of the patches in them: irradiance `H = T E` in W/m², for a
+//! first exitance E. A patch that enters is a border of the matrix, with `f̂` its form factors to the others and ρ its
+//! reflectance:
 //!
 //! ```text
 //! w = f̂ + T̂ (ρ∘f̂)     σ = F_nn + f̂·(ρ∘w)     s = 1 − ρ_n σ
 //! T̂ ← T̂ + (ρ_n / s) w wᵀ,     new row and column w / s,     corner σ / s
 //! ```
 //!
-//! about 2 M² multiplications, nothing left out. `T̂ = a^½ T a^-½` with the patches' areas a, and so is f̂: both are symmetric
-//! when F is reciprocal. Several patches enter as one border of as many columns. A patch that leaves becomes a *ghost*: it keeps its
-//! slot, light still goes by way of it, and when it comes back there is nothing to do. When its slot is needed, its border is
-//! taken away, `T̂ ← T̂ − ρ_n T̂_n T̂_nᵀ / (1 + ρ_n T̂_nn)`, which is exact as well: no light is counted twice. What rounding
-//! leaves is taken out column by column ([`LocalMatrix::refresh`]).
+//! about 2 M² multiplications, nothing left out. `T̂ = a^½ T a^-½` with the patches' areas a, and so is f̂: both are
+//! symmetric when F is reciprocal. Several patches enter as one border of as many columns. A patch that leaves becomes
+//! a *ghost*: it keeps its slot, light still goes by way of it, and when it comes back there is nothing to do. When its
+//! slot is needed, its border is taken away, `T̂ ← T̂ − ρ_n T̂_n T̂_nᵀ / (1 + ρ_n T̂_nn)`, which is exact as well: no
+//! light is counted twice. What rounding leaves is taken out column by column ([`LocalMatrix::refresh`]).
 //!
 //! [`Local`] goes with a camera through a [`World`] of any size: its nodes are patches, and patches merged to trees. In
 //! the matrix is a cut through them, fine where its apparent size from the predicted camera path is large and coarse
@@ -46,7 +47,8 @@
 //! # Ok::<(), patchlight_localmatrix::Error>(())
 //! ```
 //!
-//! Source: A. S. Shcherbakov, thesis, MSU 2025, chapter 4; the exact border and its symmetric form are this project's own.
+//! Source: A. S. Shcherbakov, thesis, MSU 2025, chapter 4; the exact border and its symmetric form are this project's
+//! own.
 //!
 //! | feature | what it adds |
 //! |---|---|

@@ -1,17 +1,17 @@
-//! What the host and the kernels share.
+//! Types that the host and the kernels share.
 
 use bytemuck::{Pod, Zeroable};
 use glam::Vec3;
 
-/// How jumps of the light shrink.
+/// Parameters of fading jumps of the light.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub struct FadeParams {
     /// Leaves.
     pub count: u32,
-    /// What is left of a jump after a frame.
+    /// Share of a jump that remains after a frame.
     pub keep: f32,
-    /// Whether the matrix has changed in this frame.
+    /// Non-zero if the matrix has changed in this frame.
     pub has_jump: u32,
     /// Display white: irradiance that is displayed as white, W/m²; infinite where displayed values do not matter.
     pub display_white: f32,
@@ -23,7 +23,7 @@ const _: () = assert!(size_of::<FadeParams>() == 16);
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub struct LevelParams {
-    /// Where the camera is, m.
+    /// Camera position, m.
     pub eye: Vec3,
     /// Leaves.
     pub count: u32,
@@ -35,7 +35,8 @@ pub struct LevelParams {
     pub levels: u32,
     /// 1: what is shown so far is that of the frame before.
     pub begins: u32,
-    /// 1: jumps since the last time fade from now on; 0: the light is there at once, and what is left of earlier jumps stays.
+    /// 1: jumps since the last time fade from now on; 0: the light is there at once, and what is left of earlier jumps
+    /// stays.
     pub fades: u32,
     /// As in [`FadeParams`].
     pub keep: f32,
@@ -59,9 +60,9 @@ pub struct UpdateParams {
     pub rank: u32,
     /// 1 or −1.
     pub sign: f32,
-    /// Where the vectors of this plane begin.
+    /// First vector of this plane.
     pub first_vector: u32,
-    /// Where its new columns begin.
+    /// First new column of this plane.
     pub first_column: u32,
     /// 0.
     pub reserved: [u32; 2],

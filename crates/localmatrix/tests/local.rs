@@ -17,8 +17,8 @@ fn random(a: usize, b: usize, c: u32) -> f32 {
     unit(hash3(a as u32, b as u32, c))
 }
 
-/// Patches along a line of 100 m; the nearer, the greater their form factors. Each sees itself where the others cover only a part
-/// of its hemisphere.
+/// Patches along a line of 100 m; the nearer, the greater their form factors. Each sees itself where the others cover
+/// only a part of its hemisphere.
 struct Line {
     surfaces: Vec<Surface>,
     /// Row-major F, reciprocal by the areas.
@@ -56,8 +56,8 @@ impl Line {
         Table::new(&self.surfaces, csr(row_start, columns, self.factors.concat())).unwrap()
     }
 
-    /// Relative error of the matrix against `T = F (I − diag(ρ) F)⁻¹` between the nodes of a cut, made anew in double precision, the worst of
-    /// the channels.
+    /// Relative error of the matrix against `T = F (I − diag(ρ) F)⁻¹` between the nodes of a cut, made anew in double
+    /// precision, the worst of the channels.
     fn error(&self, local: &Local, table: &Table, cut: &[u32]) -> f64 {
         let n = cut.len();
         let members: Vec<Vec<usize>> = cut
@@ -308,7 +308,8 @@ fn more_slots_are_less_error() {
     assert!(line.error(&local, &table, local.cut()) < 5e-6);
 }
 
-/// In a sphere all see each other alike, `F_ij = A_j / A`, and rows that only know nodes of a depth say all there is to say.
+/// In a sphere all see each other alike, `F_ij = A_j / A`, and rows that only know nodes of a depth say all there is to
+/// say.
 struct Sphere {
     table: Table,
     coarse: bool,
@@ -448,8 +449,8 @@ fn jumps_of_the_light_fade_and_end_where_they_should() {
     assert!(smooth < 0.3 * abrupt, "{smooth} {abrupt}");
 }
 
-/// Greatest change of a displayed value, in 255ths, while light goes from one value to another one, shares of display white; frames that
-/// it takes, and where it ends.
+/// Greatest change of a displayed value, in 255ths, while light goes from one value to another one, shares of display
+/// white; frames that it takes, and where it ends.
 fn fading(from: f32, to: f32, display_white: f32) -> (f32, usize, f32) {
     let shown = |h: f32| 255.0 * encode_srgb(h.clamp(0.0, 1.0));
     let jump = FadeParams { count: 1, keep: 1.0 - 1.0 / 16.0, has_jump: 1, display_white };
@@ -485,8 +486,8 @@ fn no_displayed_value_changes_by_more_than_two_255ths_a_frame() {
     assert!(unlimited > 20.0, "{unlimited}");
 }
 
-/// Pairs of floor patches merged first that differ in what they see, of how many: every other patch of a floor sees a ceiling by `factor`,
-/// the ones between by `others`.
+/// Pairs of floor patches merged first that differ in what they see, of how many: every other patch of a floor sees a
+/// ceiling by `factor`, the ones between by `others`.
 fn unlike_pairs(factor: f32, others: f32) -> (usize, usize) {
     let n = 32;
     let surface = |i: usize| {

@@ -1,5 +1,5 @@
-//! Worlds on disk: what is written comes back, damage is named and stays where it is, interruptions and parts change no byte,
-//! and a slow disk stalls nobody.
+//! Worlds on disk: what is written comes back, damage is named and stays where it is, interruptions and parts change no
+//! byte, and a slow disk stalls nobody.
 
 use std::fs;
 use std::path::{Path, PathBuf};

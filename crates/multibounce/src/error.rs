@@ -1,4 +1,4 @@
-//! What can be wrong with an operator.
+//! Errors of operators.
 
 /// Why an operator was refused.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -25,11 +25,11 @@ pub enum Error {
     File {
         /// The folder; the file has no name in it.
         folder: std::path::PathBuf,
-        /// What failed.
+        /// Failed action.
         action: &'static str,
         /// Size of the file.
         megabytes: u64,
-        /// What the system says.
+        /// Message of the operating system.
         reason: alloc::string::String,
     },
     /// `I − diag(ρ) F` has no inverse: light would grow without end.

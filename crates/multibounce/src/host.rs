@@ -20,7 +20,7 @@ pub use solve::{Factors, all_bounces, all_bounces_lu, bounce_system, bounces_of_
 #[cfg(feature = "std")]
 pub use stored::{StoredOperator, Workspace, all_bounces_stored, some_bounces_stored};
 pub use tiles::{
-    Channels, ColumnVectors, DenseSparseTables, LowRank, LowRankWorkspace, MOST_TILE_PATCHES, MOST_TILE_RECEIVERS,
+    Channels, ColumnVectors, DenseSparseTables, LowRank, LowRankWorkspace, MAX_TILE_PATCHES, MAX_TILE_RECEIVERS,
     SparseRows, TileReport, TileSide, TileSource, UTables, VtTables, dense_sparse_all, multiply_u_all, multiply_vt_all,
     permute_in_all, permute_out_all, quantise_all, requantise_all,
 };

@@ -6,21 +6,21 @@
 //!
 //! [`all_bounces`] makes T from reciprocal form factors by Cholesky's factorisation, [`all_bounces_lu`] from any,
 //! [`some_bounces`] makes T_K by Horner's rule, in 3 n² numbers of memory each beside F; [`all_bounces_stored`] and
-//! [`some_bounces_stored`] make them panel by panel, in as much memory as they may take, and keep them in a file. With areas a
-//! by which F is reciprocal, `T̂ = a^½ T a^-½` is symmetric:
-//! half of it determines all. [`LowRank`] stores it as rank-1 terms of 4 or 8 bits, dense sub-blocks and a sparse residual, in tiles of
-//! an order in which neighbours are alike ([`halving_order`]), for a relative error that is asked for (Frobenius); errors that
-//! are even over neighbours count more, because light adds them up. The three colour channels share what they have in common.
-//! It also stores rectangular operators of few patches and many receivers, `H_r = F_r B`: one channel for all colours, with the
-//! same product and kernels. The bodies in [`kernel`] run as SPIR-V and on the host alike; the forms for all
-//! cores give the same bits.
+//! [`some_bounces_stored`] make them panel by panel, in as much memory as they may take, and keep them in a file. With
+//! areas a by which F is reciprocal, `T̂ = a^½ T a^-½` is symmetric: half of it determines all. [`LowRank`] stores it
+//! as rank-1 terms of 4 or 8 bits, dense sub-blocks and a sparse residual, in tiles of an order in which neighbours are
+//! alike ([`halving_order`]), for a relative error that is asked for (Frobenius); errors that are even over neighbours
+//! count more, because light adds them up. The three colour channels share what they have in common. It also stores
+//! rectangular operators of few patches and many receivers, `H_r = F_r B`: one channel for all colours, with the same
+//! product and kernels. The bodies in [`kernel`] run as SPIR-V and on the host alike; the forms for all cores give the
+//! same bits.
 //!
-//! [`BlockMatrix`] keeps a matrix in texture blocks (BC1, BC3, BC6H, BC7), 0.5 to 1 byte an RGB entry, with the greatest
-//! entries beside them, in an order of rows and columns that makes blocks smooth ([`projected_order`]). The product decodes
-//! them on the way, on the host or in kernels, also by the texture unit.
+//! [`BlockMatrix`] keeps a matrix in texture blocks (BC1, BC3, BC6H, BC7), 0.5 to 1 byte an RGB entry, with the
+//! greatest entries beside them, in an order of rows and columns that makes blocks smooth ([`projected_order`]). The
+//! product decodes them on the way, on the host or in kernels, also by the texture unit.
 //!
-//! [`LowRank`] tiles of F alone serve *feedback*, `B ← E + ρ∘(F B)`, a bounce in each frame, in which ρ may change at any time. With
-//! [`Acceleration`] a bounce uses where the light was going: it settles in about half as many.
+//! [`LowRank`] tiles of F alone serve *feedback*, `B ← E + ρ∘(F B)`, a bounce in each frame, in which ρ may change at
+//! any time. With [`Acceleration`] a bounce uses where the light was going: it settles in about half as many.
 //!
 //! ```
 //! # extern crate transport as patchlight_transport;

@@ -18,7 +18,7 @@ pub struct BlockParams {
     pub tile_columns: u32,
     /// Logarithm to base 2 of the blocks along a tile's edge.
     pub tile_shift: u32,
-    /// How entries are companded: 0 not, 1 by square roots, 2 by logarithms ([`crate::kernel::blocks::expand`]).
+    /// Companding of entries: 0 none, 1 by square roots, 2 by logarithms ([`crate::kernel::blocks::expand`]).
     pub companding: u32,
     /// 1 where an entry is a texel's colour times its alpha, 0 where its alpha is not used.
     pub alpha: u32,
@@ -33,7 +33,7 @@ const _: () = assert!(size_of::<BlockParams>() == 36);
 pub struct FeedbackParams {
     /// Number of patches.
     pub count: u32,
-    /// How far towards the light of a plain bounce.
+    /// Step towards the light of a plain bounce.
     pub step: f32,
     /// Share of the last change that is made again.
     pub momentum: f32,
@@ -120,7 +120,7 @@ impl PackedGroup {
         self.tag >> 16 & 3
     }
 
-    /// Whether their elements have 4 bits.
+    /// Returns true if their elements have 4 bits.
     #[inline]
     pub fn is_short(self) -> bool {
         self.tag >> 18 & 1 == 1
@@ -144,6 +144,6 @@ impl PackedGroup {
 pub struct TileVector {
     /// Its first `u32x16`.
     pub start: u32,
-    /// Whether its elements have 4 bits.
+    /// True if its elements have 4 bits.
     pub is_short: bool,
 }

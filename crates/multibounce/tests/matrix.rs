@@ -25,8 +25,8 @@ fn every_kind() -> impl Iterator<Item = BlockSettings> {
     })
 }
 
-/// Patches at random points of a room's walls, numbered at random: the light from one to the other falls with distance, is
-/// coloured by the patch that sends it, and one pair in thirty is hidden. Rows have the sum `sum` at most.
+/// Patches at random points of a room's walls, numbered at random: the light from one to the other falls with distance,
+/// is coloured by the patch that sends it, and one pair in thirty is hidden. Rows have the sum `sum` at most.
 fn room(n: usize, sum: f32) -> impl Fn(usize, &mut [Vec3]) + Sync {
     let place = |k: usize| {
         let number = |axis| unit(hash3(k as u32, axis, 77));
@@ -236,7 +236,8 @@ fn orders_by_likeness_make_blocks_smooth() {
     let (given, greedy) = (mse(Permutation::identity(n)), mse(greedy_order(n, &rows)));
     let projected = mse(projected_order(n, &rows, 1));
     assert!(greedy < 0.7 * given, "{greedy} after the greedy order, {given} before");
-    // Each looks at distances of its own: here the linear ones of the greedy order are better, in real scenes logarithms.
+    // Each looks at distances of its own: here the linear ones of the greedy order are better, in real scenes
+    // logarithms.
     assert!(
         projected < 1.3 * greedy && projected < 0.7 * given,
         "{projected} after the projected order, {greedy} after the greedy one"

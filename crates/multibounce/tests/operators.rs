@@ -335,7 +335,8 @@ fn one_thread_makes_the_tiles_that_several_make() {
     assert!(one != with(1, 1), "another albedo changes nothing");
 }
 
-/// Where red and blue differ from green alike, the first chroma axis has all of it, and a rank-1 term serves both.
+/// Red and blue that differ from green alike are stored once: the first chroma axis has all of it, and a rank-1 term
+/// serves both.
 #[test]
 fn differences_of_one_hue_are_stored_once() {
     let n = 300;

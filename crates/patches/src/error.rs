@@ -1,4 +1,4 @@
-//! What can be wrong with grids, samples, patches and receivers.
+//! Errors of grids, samples, patches and receivers.
 
 use alloc::boxed::Box;
 
@@ -31,7 +31,7 @@ pub enum Error {
         name: &'static str,
         /// The value given.
         value: f64,
-        /// What it must be.
+        /// Rule that it breaks.
         rule: &'static str,
     },
     /// A value of a table is not one that can stand there.
@@ -43,17 +43,17 @@ pub enum Error {
         index: usize,
         /// Its value.
         value: f64,
-        /// What it must be.
+        /// Rule that it breaks.
         rule: &'static str,
     },
     /// More voxels, clipped triangles, samples or patches than can be numbered.
     #[error("{found} {name}; at most {limit} are possible")]
     TooMany {
-        /// What there are too many of.
+        /// Name of the counted things.
         name: &'static str,
-        /// How many there would be.
+        /// Number found.
         found: u64,
-        /// How many there may be.
+        /// Greatest number allowed.
         limit: u64,
     },
     /// Triangles so long beside patches, or the distance between receivers, that their grids have too many cells.

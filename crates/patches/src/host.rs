@@ -33,7 +33,7 @@ pub use interpolation_mesh::InterpolationMesh;
 pub use lightmap::{LIGHTMAP_LIMIT, LightmapTexels};
 pub use lit::{LitSampler, Walker};
 pub use lookup::{Lookup, LookupSettings};
-pub use mesh::{Columns, MOST_PATCHES, MeshSettings, PatchKind, PatchMesh, lit_sampler, lit_sampler_with};
+pub use mesh::{Columns, MAX_PATCHES, MeshSettings, PatchKind, PatchMesh, lit_sampler, lit_sampler_with};
 pub use nearest::Nearest;
 pub use patch_set::PatchSet;
 pub use placement::{AddRows, MeshReceivers, Placing};

@@ -2,8 +2,9 @@
 //! Virtual patches: any mesh as a few thousand patches that send light, with no hand-made proxy.
 //!
 //! A [`Grid`] of voxels cuts the triangles of a scene; empty voxels are dropped. [`sample_voxels`] casts rays from
-//! Hammersley's points on the six faces of each voxel, inside the voxel only. What they meet are samples: position, normal
-//! of the side that was seen, triangle, reflectance, and an area. With S_j the area of triangle j inside the voxel and
+//! Hammersley's points on the six faces of each voxel, inside the voxel only. What they meet are samples: position,
+//! normal of the side that was seen, triangle, reflectance, and an area. With S_j the area of triangle j inside the
+//! voxel and
 //! |samples_j| its samples on one side, `s_i = S_j / |samples_j|`, so that `Σ s_i` is the area of the surface (both sides of
 //! a sheet); or, by projection along the ray d over a face of h_u by h_v with k rays, `s = h_u h_v / k · |n·d|`.
 //!
@@ -12,15 +13,16 @@
 //! [`axis_patches`] makes at most six a voxel, `w = n_axis²` on the side the normal points to;
 //! [`cluster_patches`] merges the closest pair of clusters until `max_patches` a voxel are left, by
 //! `M(i,j) = (1 + |x_i − x_j|/d)(2 − n_i·n_j)` with the voxel's diagonal d.
-//! [`view_clusters`] needs no voxels: it splits equal-area samples of the whole scene top-down, where what they see varies
-//! most, and [`Nearest`] finds the patch of any place. A [`PatchSet`] may also be put together by other means. [`Lookup`] gives a value between
-//! patches: `h(x, n) = Σ w_j h_j / Σ w_j`, trilinear over 2×2×2 voxels times `max(0, n·n_j)²`, without those off the plane
-//! of x or behind a wall ([`kernel::lookup`], which runs as SPIR-V and on the host alike).
+//! [`view_clusters`] needs no voxels: it splits equal-area samples of the whole scene top-down, where what they see
+//! varies most, and [`Nearest`] finds the patch of any place. A [`PatchSet`] may also be put together by other means.
+//! [`Lookup`] gives a value between patches: `h(x, n) = Σ w_j h_j / Σ w_j`, trilinear over 2×2×2 voxels times `max(0,
+//! n·n_j)²`, without those off the plane of x or behind a wall ([`kernel::lookup`], which runs as SPIR-V and on the
+//! host alike).
 //!
-//! Receivers beside the mesh, all [`scene::ReceiverSet`]s: a [`VoxelVolume`] of probes in the air gives irradiance to what
-//! moves, from ambient cubes, `E(x, n) = Σ_a n_a² cube[a, sign n_a]`, or spherical harmonics of degree 1,
-//! `E(x, n) = π Y_00 L_00 + (2π/3) Σ_a Y_1a(n) L_1a`, and takes nothing through walls ([`kernel::volume`]);
-//! [`LightmapTexels`] lays the triangles out in an atlas ([`kernel::lightmap`]).
+//! Receivers beside the mesh, all [`scene::ReceiverSet`]s: a [`VoxelVolume`] of probes in the air gives irradiance to
+//! what moves, from ambient cubes, `E(x, n) = Σ_a n_a² cube[a, sign n_a]`, or spherical harmonics of degree 1, `E(x, n)
+//! = π Y_00 L_00 + (2π/3) Σ_a Y_1a(n) L_1a`, and takes nothing through walls ([`kernel::volume`]); [`LightmapTexels`]
+//! lays the triangles out in an atlas ([`kernel::lightmap`]).
 //!
 //! Lengths are metres, areas m², reflectance linear Rec.709. Each step runs on all cores, voxel by voxel, and gives the
 //! same bytes for any number of threads.

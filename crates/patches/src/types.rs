@@ -52,8 +52,8 @@ pub struct VirtualPatch {
 }
 const _: () = assert!(size_of::<VirtualPatch>() == 48);
 
-/// Where the voxels lie: voxel (i, j, k) is the half-open box from `origin + (i, j, k)·edges` on, its number is
-/// `i + count_x·(j + count_y·k)`.
+/// Position of the voxels: voxel (i, j, k) is the half-open box from `origin + (i, j, k)·edges` on, its number is `i +
+/// count_x·(j + count_y·k)`.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct GridShape {
@@ -92,8 +92,8 @@ pub const EMPTY_CELL: u32 = 1 << 31;
 
 /// A lookup by the distance from the point's plane alone: [`LookupParams::rule`].
 pub const RULE_PLANES: u32 = 0;
-/// Besides, patches behind a wall (a patch across the point's plane, in the voxel of the point or of the other patch) do not
-/// count.
+/// Besides, patches behind a wall (a patch across the point's plane, in the voxel of the point or of the other patch)
+/// do not count.
 pub const RULE_WALLS: u32 = 1;
 
 /// Settings of the lookup.
@@ -105,16 +105,16 @@ pub struct LookupParams {
     /// A patch counts less the farther it lies from the plane of the point that asks, and (almost) nothing from this
     /// distance on, in voxel edges along the normal.
     pub plane_limit: f32,
-    /// What counts: [`RULE_PLANES`] or [`RULE_WALLS`].
+    /// Rule: [`RULE_PLANES`] or [`RULE_WALLS`].
     pub rule: u32,
     /// Points of a dispatch; the body does not ask.
     pub count: u32,
-    /// Where the grid's voxels begin among the cells: 0, or further on in tables that several lookups share.
+    /// First cell of the grid: 0, or further on in tables that several lookups share.
     pub first_cell: u32,
 }
 const _: () = assert!(size_of::<LookupParams>() == 64);
 
-/// Where the probes of a volume are, and how they are used.
+/// Positions and use of a volume's probes.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct VolumeParams {
@@ -142,8 +142,8 @@ pub struct LightmapParams {
 }
 const _: () = assert!(size_of::<LightmapParams>() == 8);
 
-/// Settings of the products with packed rows of weights ([`crate::kernel::weights`]), of all rows or of those that a view
-/// needs.
+/// Settings of the products with packed rows of weights ([`crate::kernel::weights`]), of all rows or of those that a
+/// view needs.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
 pub struct WeightParams {
@@ -151,7 +151,7 @@ pub struct WeightParams {
     pub count: u32,
     /// Rows of a block, which have a list of receivers.
     pub block_rows: u32,
-    /// Where the values of the receivers begin.
+    /// First value of the receivers.
     pub first_value: u32,
     /// Numbers of a receiver's value: 1, or 4 where it is the sum of the quadrants.
     pub parts: u32,

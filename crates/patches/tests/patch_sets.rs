@@ -27,7 +27,7 @@ fn area(set: &PatchSet) -> f64 {
     set.patches.iter().map(|p| f64::from(p.area)).sum()
 }
 
-/// What must hold for every set: shares sum to 1, means are those of the members, voxels hold their patches.
+/// Invariants of every set: shares sum to 1, means are those of the members, voxels hold their patches.
 fn check(grid: &Grid, set: &PatchSet) {
     for (i, patch) in set.patches.iter().enumerate() {
         let members = set.members_of(i);
@@ -177,7 +177,8 @@ fn merging_takes_the_closest_pair_every_time() {
 fn a_term_of_the_caller_separates_what_sees_different_things() {
     let scene = two_rooms().scene(1.0);
     let (grid, samples) = sampled(&scene, 0.9);
-    // Rooms as rows: samples of different rooms see nothing in common. A sample on the wall belongs to the room it faces.
+    // Rooms as rows: samples of different rooms see nothing in common. A sample on the wall belongs to the room it
+    // faces.
     let points = samples.samples.clone();
     let room = |m: &Member| {
         let s = &points[m.sample as usize];

@@ -20,7 +20,7 @@ fn area(set: &SampleSet) -> f64 {
     set.samples.iter().map(|s| f64::from(s.area)).sum()
 }
 
-/// Whether the areas sum to the expected one within the promised 10⁻⁴.
+/// Returns true if the areas sum to the expected one within the promised 10⁻⁴.
 fn sums_to(set: &SampleSet, expected: f64) -> bool {
     (area(set) / expected - 1.0).abs() < 1e-4
 }

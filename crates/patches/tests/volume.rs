@@ -81,7 +81,7 @@ fn a_linear_field_is_reproduced_inside() {
     }
 }
 
-/// Whether a place lies in the first of [`two_rooms`], in the second, or in neither.
+/// Room of a place: true for the first of [`two_rooms`], false for the second, none outside of both.
 fn room_of(place: Vec3) -> Option<bool> {
     let inside = place.cmpgt(Vec3::ZERO).all() && place.cmplt(Vec3::new(4.0, 2.0, 2.0)).all();
     inside.then_some(place.x < 2.0)
@@ -138,7 +138,8 @@ fn a_dark_room_stays_dark_behind_a_wall_without_thickness() {
                 "edge {edge} m, rotated by {angle}: greatest leak {kept:e}, above 0.001 at {share:.5} of the points; without \
                  walls {open}, {open_share:.3}"
             );
-            // Walls across the grid: in a corner that no ray comes near to, a probe outside may be taken for one inside.
+            // Walls across the grid: in a corner that no ray comes near to, a probe outside may be taken for one
+            // inside.
             assert!(if angle == 0.0 { kept < 1e-3 } else { share < 0.003 }, "{kept} {share}");
             assert!(open > 0.3 && open_share > 0.1, "{open} {open_share}");
         }

@@ -1,4 +1,5 @@
-//! Bakes a built-in scene once and lights it in several frames while its lamp moves; writes nothing, prints what it finds.
+//! Bakes a built-in scene once and lights it in several frames while its lamp moves; writes nothing, prints what it
+//! finds.
 
 use std::error::Error;
 use std::sync::Arc;

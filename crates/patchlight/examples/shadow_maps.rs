@@ -1,5 +1,5 @@
-//! Direct light that an engine knows already: it looks the samples up in its own shadow maps (here: a shadow ray to a lamp that
-//! the renderer knows nothing of), and the renderer finds the indirect light that follows.
+//! Direct light that an engine knows already: it looks the samples up in its own shadow maps (here: a shadow ray to a
+//! lamp that the renderer knows nothing of), and the renderer finds the indirect light that follows.
 
 use std::sync::Arc;
 

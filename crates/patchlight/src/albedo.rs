@@ -15,7 +15,7 @@ use crate::frame::FramePlan;
 use crate::stage::source::Source;
 
 /// Greatest albedo of a material.
-pub const MOST_ALBEDO: f32 = 0.95;
+pub const MAX_ALBEDO: f32 = 0.95;
 /// Half of the way on which the surface of a sample is looked for, in ray offsets of the scene.
 const OFFSETS: f32 = 4.0;
 /// Numbers of bounces are multiples of this, so that an albedo that rises a little seldom asks for another plan.
@@ -24,7 +24,7 @@ const BOUNCES_STEP: u32 = 16;
 /// The albedo ρ, without unit, of everything that reflects light: [`crate::Renderer::set_albedo`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct Albedo {
-    /// Of the materials, without a texture where it is not that of the bake, `[materials]`; their emission is the bake's.
+    /// Materials, `[materials]`, without a texture where it is not that of the bake; their emission is the bake's.
     pub materials: Vec<Material>,
     /// At each sample point, `[points]`.
     pub points: Vec<Vec4>,
@@ -63,8 +63,8 @@ impl AlbedoBuffers {
     }
 }
 
-/// The material that each sample point of a mesh lies on, `[points]`, found by a short ray onto the surface; [`NONE`] where
-/// it meets none.
+/// The material that each sample point of a mesh lies on, `[points]`, found by a short ray onto the surface; [`NONE`]
+/// where it meets none.
 pub(crate) fn sample_materials(scene: &Scene, mesh: &PatchMesh) -> Vec<u32> {
     mesh.points.par_iter().map(|point| material_at(scene, point)).collect()
 }
@@ -79,9 +79,9 @@ fn material_at(scene: &Scene, point: &SurfacePoint) -> u32 {
 }
 
 impl Albedo {
-    /// That of a bake, but for the materials that have another one, all over, in `changed`. `materials` are those of the samples
-    /// ([`sample_materials`]). Elements are means of their samples, patches of their elements; those without a changed sample
-    /// keep what they have.
+    /// That of a bake, but for the materials that have another one, all over, in `changed`. `materials` are those of
+    /// the samples ([`sample_materials`]). Elements are means of their samples, patches of their elements; those
+    /// without a changed sample keep what they have.
     ///
     /// # Errors
     /// [`Error::AlbedoCount`], [`Error::AlbedoValue`].
@@ -129,7 +129,7 @@ fn check(changed: &[Option<Vec3>], materials: &[Material]) -> Result<(), Error> 
     if changed.len() != materials.len() {
         return Err(Error::AlbedoCount { expected: materials.len(), found: changed.len() });
     }
-    let is_wrong = |albedo: &Vec3| !(albedo.min_element() >= 0.0 && albedo.max_element() <= MOST_ALBEDO);
+    let is_wrong = |albedo: &Vec3| !(albedo.min_element() >= 0.0 && albedo.max_element() <= MAX_ALBEDO);
     for (material, (albedo, own)) in changed.iter().zip(materials).enumerate() {
         let rest = Vec3::ONE - own.mirror - own.transmittance;
         let is_wrong = |albedo: &Vec3| albedo.is_nan() || is_wrong(albedo) || albedo.cmpgt(rest).any();
@@ -150,7 +150,8 @@ fn with_albedo(scene: &Scene, changed: &[Option<Vec3>]) -> Vec<Material> {
     own.map(material).collect()
 }
 
-/// Bounces that settle with an albedo of the patches: those of the bake where it says their number, or nothing is brighter.
+/// Bounces that settle with an albedo of the patches: those of the bake where it says their number, or nothing is
+/// brighter.
 fn bounces(bake: &Bake, patches: &[Vec4]) -> Result<u32, Error> {
     let is_brighter = |(new, old): (&Vec4, &Vec4)| new.truncate().cmpgt(old.truncate()).any();
     if bake.settings.bounces.is_some() || !patches.iter().zip(&bake.mesh.albedo).any(is_brighter) {

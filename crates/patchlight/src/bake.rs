@@ -1,11 +1,11 @@
-//! What a scene is at rest, computed once: patches, elements and receivers, and the form factors between them.
+//! The static part of a scene, computed once: patches, elements and receivers, and the form factors between them.
 
 use std::sync::Arc;
 
 use formfactor::{Stop, jacobi};
 use glam::Vec4;
 use patches::{
-    Density, Focus, LitSampler, MOST_PATCHES, MeshReceivers, MeshSettings, PatchKind, PatchMesh, Placing, ViewSettings,
+    Density, Focus, LitSampler, MAX_PATCHES, MeshReceivers, MeshSettings, PatchKind, PatchMesh, Placing, ViewSettings,
     cut_at_feet, lit_sampler_with, test_lights,
 };
 use runtime::executor::Executor;
@@ -24,20 +24,20 @@ use crate::operator::BakedOperator;
 /// Receivers along the edge of a patch.
 const RECEIVERS_AN_EDGE: f32 = 3.0;
 /// Most receivers for each that their distance gives where light is even.
-const MOST_RECEIVERS: f32 = 10.0 / 3.0;
-/// Bytes of a receiver with those of the interpolation points near it, and of each element that its rays may hit, of which
-/// about half are hit, while they are placed.
+const MAX_RECEIVERS: f32 = 10.0 / 3.0;
+/// Bytes of a receiver with those of the interpolation points near it, and of each element that its rays may hit, of
+/// which about half are hit, while they are placed.
 const RECEIVER_BYTES: f64 = 1500.0;
 const HIT_BYTES: f64 = 1.2;
 /// Bounces when all are asked for end when no patch changes by more than this share of the brightest.
 const TOLERANCE: f32 = 1e-4;
 /// Bounces at most: an albedo of 0.95 in a closed room needs 180 for the tolerance.
-const MOST_BOUNCES: u32 = 200;
+const MAX_BOUNCES: u32 = 200;
 
 /// Shortest foot of something at which what it stands on is cut, as a share of the edge of a patch.
 const FOOT_OF_PATCH: f32 = 0.5;
 
-/// Where irradiance is gathered.
+/// Points where irradiance is gathered.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub enum ReceiverKind {
     /// At points of the surface, close where light bends; pixels are interpolated between those about.
@@ -52,11 +52,11 @@ pub enum ReceiverKind {
 /// Settings of [`Bake::build`].
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct BakeSettings {
-    /// What patches are.
+    /// Kind of patches.
     pub patches: PatchKind,
     /// About how many patches.
     pub patch_count: usize,
-    /// Where people look: samples, patches and receivers are shared out by how much of the light that a place sends can get
+    /// Viewing area: samples, patches and receivers are shared out by how much of the light that a place sends can get
     /// there. Voxel and axis patches and their receivers are the same everywhere.
     pub focus: Focus,
     /// Edge of the voxels of voxel and axis patches, m, instead of their count.
@@ -69,10 +69,10 @@ pub struct BakeSettings {
     pub estimator: Estimator,
     /// Bounces; `None` for all.
     pub bounces: Option<u32>,
-    /// Where irradiance is gathered.
+    /// Points where irradiance is gathered.
     pub receivers: ReceiverKind,
-    /// Distance between receivers in the focus where light is even, m; `None` takes a third of the patches' mean edge there,
-    /// over √density.
+    /// Distance between receivers in the focus where light is even, m; `None` takes a third of the patches' mean edge
+    /// there, over √density.
     pub receiver_edge: Option<f32>,
     /// Most receivers: beyond those of the distance, where light bends; `None` for ten thirds of those.
     pub most_receivers: Option<usize>,
@@ -109,7 +109,7 @@ impl Default for BakeSettings {
     }
 }
 
-/// What a scene is at rest: patches, elements and receivers, and their form factors. Lights may change after it.
+/// The static part of a scene: patches, elements and receivers, and their form factors. Lights may change after it.
 #[derive(Clone)]
 pub struct Bake {
     /// The scene, with the lighting that it was baked with.
@@ -120,16 +120,16 @@ pub struct Bake {
     pub form_factors: FormFactors,
     /// Receivers and interpolation points.
     pub receivers: MeshReceivers,
-    /// How densely patches and receivers stand.
+    /// Density of patches and receivers.
     pub density: Density,
-    /// What is known of its errors; none for a bake without patches, or of a scene with a medium, through which no light goes by
-    /// form factors.
+    /// Estimate of its errors; none for a bake without patches, or of a scene with a medium, through which no light
+    /// goes by form factors.
     pub energy: Option<EnergyCheck>,
-    /// How direct light is measured at the samples.
+    /// Settings of direct light at the samples.
     pub direct: DirectParams,
     /// Bounces of a frame.
     pub bounces: u32,
-    /// What it was made with.
+    /// Settings that it was made with.
     pub settings: BakeSettings,
     /// Operators that methods need not make anew.
     pub operators: Vec<BakedOperator>,
@@ -151,9 +151,10 @@ impl Bake {
         Self::build_by(&HOST, scene, settings, observer)
     }
 
-    /// [`Bake::build`] with a device that traces the rays of elements and receivers, walks from places to light and looks from
-    /// interpolation points to receivers, most of the work: the plan that it had goes. Native code as the device leaves them to the host. Where device and host find the same hits,
-    /// the bake has the same bytes; of triangles that lie in one place they may name different ones.
+    /// [`Bake::build`] with a device that traces the rays of elements and receivers, walks from places to light and
+    /// looks from interpolation points to receivers, most of the work: the plan that it had goes. Native code as the
+    /// device leaves them to the host. Where device and host find the same hits, the bake has the same bytes; of
+    /// triangles that lie in one place they may name different ones.
     ///
     /// # Errors
     /// As [`Bake::build`]; what the device says.
@@ -188,8 +189,8 @@ impl Bake {
 }
 
 impl<'a> PatchBake<'a> {
-    /// Cuts a scene into patches, and estimates and balances their form factors. Triangles stay whole, so the focus is not
-    /// asked: the density is the same everywhere.
+    /// Cuts a scene into patches, and estimates and balances their form factors. Triangles stay whole, so the focus is
+    /// not asked: the density is the same everywhere.
     ///
     /// # Errors
     /// Too many triangles or voxels, settings that the patches do not suit, cancellation.
@@ -207,12 +208,12 @@ impl<'a> PatchBake<'a> {
     ) -> Result<Self, Error> {
         check_receivers(settings)?;
         let triangles = scene.geometry.triangles.len();
-        if settings.patches == PatchKind::Polygon && triangles > MOST_PATCHES {
+        if settings.patches == PatchKind::Polygon && triangles > MAX_PATCHES {
             return Err(too_many(triangles, triangles));
         }
         let (sampler, mesh) = run_phase(observer, Phase::SAMPLE, |_| make_mesh(scene, density, settings, rays))?;
         rays.tell(Phase::SAMPLE, observer);
-        if mesh.patches.len() > MOST_PATCHES {
+        if mesh.patches.len() > MAX_PATCHES {
             return Err(too_many(triangles, mesh.patches.len()));
         }
         let form_factors = run_phase(observer, Phase::FORM_FACTORS, |report| {
@@ -247,12 +248,12 @@ impl<'a> PatchBake<'a> {
         Ok(Self { sampler, bake })
     }
 
-    /// What there is without receivers.
+    /// The bake without receivers.
     pub(crate) fn bake(&self) -> &Bake {
         &self.bake
     }
 
-    /// Whether these are the patches of such settings: they differ at most in receivers.
+    /// Returns true if these are the patches of such settings: they differ at most in receivers.
     pub fn are_of(&self, settings: &BakeSettings) -> bool {
         let own = &self.bake.settings;
         let receivers = BakeSettings {
@@ -267,7 +268,8 @@ impl<'a> PatchBake<'a> {
         receivers == *own
     }
 
-    /// Places receivers: of these settings only what says where and with how many rays counts, with the patches as they are.
+    /// Places receivers: of these settings only what says where and with how many rays counts, with the patches as they
+    /// are.
     ///
     /// # Errors
     /// Receivers that the patches do not suit, cancellation.
@@ -306,7 +308,7 @@ impl<'a> PatchBake<'a> {
     }
 }
 
-/// How densely the surfaces of a scene are shared out.
+/// Density of patches and receivers on the surfaces of a scene.
 pub(crate) fn density_of(scene: &Scene, settings: &BakeSettings, observer: &dyn Observer) -> Result<Density, Error> {
     match settings.patches.has_voxels() {
         true => Ok(Density::default()),
@@ -326,10 +328,10 @@ pub(crate) fn cut_scene(scene: &Scene, density: &Density, settings: &BakeSetting
 }
 
 fn too_many(triangles: usize, needed: usize) -> Error {
-    Error::TooManyPatches { triangles, needed, limit: MOST_PATCHES }
+    Error::TooManyPatches { triangles, needed, limit: MAX_PATCHES }
 }
 
-/// What knows where light comes, and the patches and elements.
+/// Builds the sampler, patches and elements.
 fn make_mesh<'a>(
     scene: &'a Scene,
     density: Density,
@@ -341,7 +343,7 @@ fn make_mesh<'a>(
     Ok((sampler, mesh))
 }
 
-/// What knows where light comes, if it comes anywhere.
+/// Builds the sampler, if light comes anywhere.
 fn sampler<'a>(
     scene: &'a Scene,
     density: Density,
@@ -372,7 +374,7 @@ fn mesh_settings(settings: &BakeSettings) -> MeshSettings {
     }
 }
 
-/// How direct light is measured at the samples of a mesh.
+/// Parameters of direct light at the samples of a mesh.
 fn sample_params(scene: &Scene, mesh: &PatchMesh, settings: &BakeSettings) -> DirectParams {
     DirectParams {
         count: mesh.points.len() as u32,
@@ -403,7 +405,7 @@ fn place(
         let rule = "above 0 and finite";
         return Err(transport::Error::Setting { name: "distance between receivers", value: edge.into(), rule }.into());
     }
-    let by_distance = f64::from(MOST_RECEIVERS) * f64::from(area) / f64::from(edge).powi(2);
+    let by_distance = f64::from(MAX_RECEIVERS) * f64::from(area) / f64::from(edge).powi(2);
     let most = settings.most_receivers.map_or(by_distance, |most| most as f64);
     let hits = (settings.receiver_rays as usize).min(mesh.elements.len());
     check_free(
@@ -456,5 +458,5 @@ pub fn direct_params(scene: &Scene) -> DirectParams {
 pub(crate) fn enough_bounces(factors: &Csr, albedo: &[Vec4]) -> Result<u32, Error> {
     let source = vec![Vec4::new(1.0, 1.0, 1.0, 0.0); albedo.len()];
     let steps = jacobi(factors, &source, albedo, Stop::Tolerance(TOLERANCE))?.iterations;
-    Ok((steps + steps / 4).clamp(1, MOST_BOUNCES))
+    Ok((steps + steps / 4).clamp(1, MAX_BOUNCES))
 }

@@ -1,5 +1,5 @@
-//! Pictures that show what a bake made: who owns a place, what it sends, and where light is gathered. The ray through the
-//! middle of each pixel decides; it is cast on the host.
+//! Pictures that show what a bake made: who owns a place, what it sends, and where light is gathered. The ray through
+//! the middle of each pixel decides; it is cast on the host.
 
 use colorous::VIRIDIS;
 use glam::{Vec3, Vec4};
@@ -19,7 +19,7 @@ use crate::picture::Picture;
 
 /// Surfaces seen edge-on keep this share of their colour.
 const EDGE_ON: f32 = 0.35;
-/// What is left of a colour where the cells of the receivers' mesh meet.
+/// Brightness of a colour where the cells of the receivers' mesh meet.
 const LINE: f32 = 0.45;
 /// Receivers whose distances give that about a pixel.
 const ABOUT: usize = 3;
@@ -40,7 +40,7 @@ const AXES: [Vec3; 6] = [
 /// A picture to be shown with an exposure.
 #[derive(Clone, Debug, PartialEq)]
 pub struct DebugPicture {
-    /// What it shows, a file name without ending.
+    /// Subject of the picture, a file name without ending.
     pub name: &'static str,
     /// Linear colours.
     pub picture: Picture,
@@ -48,7 +48,7 @@ pub struct DebugPicture {
     pub stops: f32,
 }
 
-/// What a view shows of a bake and its last frame.
+/// Debug view of a bake and its last frame.
 pub struct DebugView<'a> {
     /// The scene.
     pub scene: &'a Scene,
@@ -66,7 +66,7 @@ pub struct DebugView<'a> {
     pub stops: f32,
 }
 
-/// What the ray through the middle of a pixel meets.
+/// First hit of the ray through the middle of a pixel.
 #[derive(Clone, Copy)]
 struct Seen {
     hit: Hit,
@@ -77,7 +77,7 @@ struct Seen {
     facing: f32,
 }
 
-/// What a [`DebugPicture`] shows.
+/// Subject of a [`DebugPicture`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum DebugKind {
     /// A colour for each patch.
@@ -90,7 +90,7 @@ pub enum DebugKind {
     Source,
     /// Irradiance H of the patches.
     Irradiance,
-    /// How close receivers stand.
+    /// Distance between receivers.
     Refined,
     /// A colour for each receiver, and the cells of their mesh.
     Receivers,
@@ -114,7 +114,7 @@ impl DebugKind {
         }
     }
 
-    /// Whether there is something to show of patches and receivers.
+    /// Returns true if there is something to show of patches and receivers.
     pub fn suits(self, mesh: &PatchMesh, receivers: &MeshReceivers) -> bool {
         match self {
             Self::Elements => mesh.elements.len() > mesh.patches.len(),
@@ -230,7 +230,7 @@ fn axis_colour(normal: Vec3) -> Vec3 {
     AXES[2 * axis + usize::from(normal[axis] < 0.0)]
 }
 
-/// What a pixel takes from the receivers' mesh.
+/// Contribution of the receivers' mesh to a pixel.
 #[derive(Clone, Copy)]
 struct Shown {
     /// The receiver with the greatest weight, or [`NONE`].
@@ -269,7 +269,7 @@ fn shown(receivers: &MeshReceivers, scene: &Scene, seen: &Seen) -> Option<Shown>
     Some(Shown { receiver: greatest.map_or(NONE, |(receiver, _)| receiver), cell })
 }
 
-/// How close receivers stand.
+/// Distance between receivers.
 struct Spacing {
     nearest: Nearest,
     /// Distance of each receiver to its neighbours, m.
@@ -278,7 +278,7 @@ struct Spacing {
 }
 
 impl Spacing {
-    /// Of receivers that share this area, m².
+    /// Spacing of receivers that share this area, m².
     fn new(receivers: &MeshReceivers, area: f32) -> Self {
         let points = &receivers.points;
         let area = area / points.len() as f32;

@@ -1,5 +1,5 @@
-//! What a bake says of its own errors, without a reference: whether light is lost between patches, and whether what
-//! receivers show is what rays find.
+//! A bake's estimate of its own errors, without a reference: light lost between patches, and receivers compared with
+//! rays.
 
 use formfactor::{Stop, jacobi};
 use glam::{Vec3, Vec4};
@@ -18,12 +18,13 @@ use crate::stage::source::sky_exitance;
 /// Places at which rays are gathered, and rays of each.
 const PLACES: u32 = 4096;
 const RAYS: u32 = 16;
-/// Most shadow rays to lights from where those hit: of many lights there are fewer places, and a greater standard error.
-const MOST_SHADOW_RAYS: usize = 1 << 26;
-const LEAST_PLACES: usize = 32;
+/// Most shadow rays to lights from where those hit: of many lights there are fewer places, and a greater standard
+/// error.
+const MAX_SHADOW_RAYS: usize = 1 << 26;
+const MIN_PLACES: usize = 32;
 /// Rays to each area light and to the sky from where one of those hits.
 const LIGHT_RAYS: u32 = 4;
-/// What rays start above, and end below, in ray offsets, where the triangle of a place is looked for.
+/// Start above, and end below, of rays that look for the triangle of a place, in ray offsets.
 const OFFSETS: f32 = 4.0;
 /// Light that all patches send alike is absorbed or gone when bounces change it by less than this.
 const TOLERANCE: f32 = 1e-5;
@@ -32,18 +33,19 @@ const ONE_OF: u32 = 16;
 /// Changes random numbers.
 const SALT: u32 = 0x656e_6572;
 
-/// What is known of the errors of a bake without a reference.
+/// Estimated errors of a bake without a reference.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct EnergyCheck {
-    /// (absorbed + escaped) / emitted − 1, where every patch sends 1 W/m² and light goes on until it is absorbed or escapes:
-    /// `Σ A ((1 − ρ) H + B F_0) / Σ A E − 1`. Zero for form factors that are reciprocal and whose rows sum to `1 − F_0`.
+    /// (absorbed + escaped) / emitted − 1, where every patch sends 1 W/m² and light goes on until it is absorbed or
+    /// escapes: `Σ A ((1 − ρ) H + B F_0) / Σ A E − 1`. Zero for form factors that are reciprocal and whose rows sum to
+    /// `1 − F_0`.
     pub balance: f64,
     /// Indirect light in the focus beside rays; none in a scene without light.
     pub near: Option<MeanRatio>,
-    /// The same where distances between patches are greater; none where there are no such places.
+    /// Ratio where distances between patches are greater; none where there are no such places.
     pub far: Option<MeanRatio>,
-    /// That of the focus under light which the bake was not made for: every sixteenth patch, by chance, sends 1 W/m² and
-    /// nothing else shines.
+    /// That of the focus under light which the bake was not made for: every sixteenth patch, by chance, sends 1 W/m²
+    /// and nothing else shines.
     pub unseen: Option<MeanRatio>,
 }
 
@@ -58,19 +60,19 @@ pub struct MeanRatio {
     pub places: usize,
 }
 
-/// Greatest standard error of a ratio that is believed; beyond it the places are too few, most of all where light comes from
-/// small bright spots, which few rays meet.
+/// Greatest standard error of a ratio that is believed; beyond it the places are too few, most of all where light comes
+/// from small bright spots, which few rays meet.
 pub const MAX_STANDARD_ERROR: f64 = 0.03;
 /// Share of the energy that form factors may lose or add without a word.
 const MAX_IMBALANCE: f64 = 0.005;
 
 impl MeanRatio {
-    /// Whether there were enough rays to believe it.
+    /// Returns true if there were enough rays to believe it.
     pub fn is_believed(&self) -> bool {
         self.standard_error <= MAX_STANDARD_ERROR
     }
 
-    /// How this light is, as a part of a sentence.
+    /// Describes this light as a part of a sentence.
     fn in_words(&self, light: &str) -> String {
         let error = 100.0 * self.standard_error;
         match self.is_believed() {
@@ -84,8 +86,8 @@ impl MeanRatio {
 }
 
 impl EnergyCheck {
-    /// Sentences that say what was checked, and what is known of it: a ratio is a statement only where its standard error is at
-    /// most [`MAX_STANDARD_ERROR`].
+    /// Sentences that say what was checked, and what is known of it: a ratio is a statement only where its standard
+    /// error is at most [`MAX_STANDARD_ERROR`].
     pub fn in_words(&self) -> String {
         let checks = [
             ("indirect light", self.near),
@@ -106,11 +108,11 @@ impl EnergyCheck {
         sentences.join("; ")
     }
 
-    /// That of a bake: the balance of its patches, and 65,536 rays from 4,096 places that are shared out as patches are; fewer for more
-    /// than 1,024 lights, each of which costs a shadow ray where a ray hits. Where a
-    /// ray hits, direct light is found anew, and indirect light is that of the bake's element there: what is compared is the
-    /// last bounce with all that patches, elements, receivers and interpolation do to it. The same again under light from some of
-    /// the patches. None without patches, and in a medium.
+    /// That of a bake: the balance of its patches, and 65,536 rays from 4,096 places that are shared out as patches
+    /// are; fewer for more than 1,024 lights, each of which costs a shadow ray where a ray hits. Where a ray hits,
+    /// direct light is found anew, and indirect light is that of the bake's element there: what is compared is the last
+    /// bounce with all that patches, elements, receivers and interpolation do to it. The same again under light from
+    /// some of the patches. None without patches, and in a medium.
     ///
     /// # Errors
     /// Operators that have not the shapes of the mesh.
@@ -178,12 +180,12 @@ struct Place {
 
 /// Places for so many lights.
 fn place_count(lights: usize) -> u32 {
-    let affordable = MOST_SHADOW_RAYS / (RAYS as usize * lights.max(1));
-    affordable.clamp(LEAST_PLACES, PLACES as usize) as u32
+    let affordable = MAX_SHADOW_RAYS / (RAYS as usize * lights.max(1));
+    affordable.clamp(MIN_PLACES, PLACES as usize) as u32
 }
 
-/// Sample points of the elements, each as likely as its area times its share of the density, and one in each interval of
-/// their sum.
+/// Sample points of the elements, each as likely as its area times its share of the density, and one in each interval
+/// of their sum.
 fn places(bake: &Bake, count: u32) -> Vec<Place> {
     let mesh = &bake.mesh;
     let mut sums = Vec::with_capacity(mesh.points.len());
@@ -208,7 +210,7 @@ fn places(bake: &Bake, count: u32) -> Vec<Place> {
     (0..count).into_par_iter().filter_map(place).collect()
 }
 
-/// What elements send first under the lighting of the scene, W/m².
+/// First exitance of the elements under the lighting of the scene, W/m².
 fn scene_source(bake: &Bake) -> Vec<Vec4> {
     let mesh = &bake.mesh;
     let direct = bake.scene.direct_irradiance(&bake.direct, &mesh.points);
@@ -224,7 +226,7 @@ fn scene_source(bake: &Bake) -> Vec<Vec4> {
     source
 }
 
-/// What elements send first where one of [`ONE_OF`] patches shines, W/m².
+/// First exitance of the elements where one of [`ONE_OF`] patches shines, W/m².
 fn some_patches(bake: &Bake) -> Vec<Vec4> {
     let mesh = &bake.mesh;
     let seed = bake.settings.seed ^ SALT;
@@ -262,7 +264,8 @@ impl Settled {
         Ok(Self { elements, points })
     }
 
-    /// Indirect irradiance that is shown at a place: between interpolation points, or that of the element where there are none.
+    /// Indirect irradiance that is shown at a place: between interpolation points, or that of the element where there
+    /// are none.
     fn shown(&self, bake: &Bake, place: &Place) -> f64 {
         let mesh = &bake.receivers.interpolation;
         let shown = match self.points.is_empty() {
@@ -278,7 +281,8 @@ impl Settled {
         if element == NONE { Vec4::ZERO } else { self.elements[element as usize] }
     }
 
-    /// Indirect irradiance at places, by rays, under the lighting of the scene or where these are what elements send first.
+    /// Indirect irradiance at places, by rays, under the lighting of the scene or where these are what elements send
+    /// first.
     fn gathered(&self, bake: &Bake, places: &[Place], patches: Option<&[Vec4]>) -> Vec<f64> {
         let scene = &bake.scene;
         let seed = bake.settings.seed ^ SALT;

@@ -1,4 +1,4 @@
-//! What can go wrong.
+//! Errors of the library.
 
 use std::path::PathBuf;
 
@@ -26,7 +26,7 @@ pub enum Error {
          firstshot, whose photons do, path trace the scene, or leave the medium out"
     )]
     Medium {
-        /// What does not serve it.
+        /// The unsuitable feature.
         what: &'static str,
     },
     /// Receivers at pixels, whose light in a medium nothing finds.
@@ -44,7 +44,7 @@ pub enum Error {
     /// Files of a probe volume that do not belong together.
     #[error("the probe volume is damaged: {what}; export the probes again")]
     Probes {
-        /// What is wrong.
+        /// Description of the fault.
         what: String,
     },
     /// A scene, or lighting that does not suit it.
@@ -68,7 +68,7 @@ pub enum Error {
         needed: f64,
         /// GB free.
         available: f64,
-        /// What takes less.
+        /// Setting that takes less.
         instead: &'static str,
     },
     /// Texture blocks where no texture unit decodes them.
@@ -118,7 +118,7 @@ pub enum Error {
         needed: f64,
         /// The device.
         device: String,
-        /// What it says.
+        /// The device's error.
         source: Box<runtime::executor::ExecutorError>,
     },
     /// Texture blocks without their encoder.
@@ -134,7 +134,7 @@ pub enum Error {
     Write {
         /// The file or folder.
         path: PathBuf,
-        /// What the system says.
+        /// Error from the operating system.
         source: std::io::Error,
     },
     /// The scene has too many triangles for polygon patches.
@@ -153,11 +153,11 @@ pub enum Error {
     /// Voxels so small, or so many patches, that there are too many of something.
     #[error("{found} {name}, and at most {limit} are possible; choose larger voxels or fewer patches")]
     TooManyVoxels {
-        /// What there are too many of.
+        /// Name of the counted things.
         name: &'static str,
-        /// How many there would be.
+        /// Number found.
         found: u64,
-        /// How many there may be.
+        /// Greatest number allowed.
         limit: u64,
     },
     /// Patches that are not bound to voxels cannot be receivers.
@@ -187,23 +187,23 @@ pub enum Error {
         used >> 20, limit >> 20
     )]
     MemoryLimit {
-        /// What took it.
+        /// Phase that took it.
         phase: &'static str,
         /// Bytes resident.
         used: u64,
         /// Bytes allowed.
         limit: u64,
     },
-    /// What settings ask for would not fit into memory.
+    /// The settings ask for more than fits into memory.
     #[error("{what} would take about {:.1} GB, and {:.1} GB are free or allowed; {remedy}", needed * 1e-9, *free as f64 * 1e-9)]
     TooLarge {
-        /// What.
+        /// Name of the table.
         what: String,
         /// Bytes.
         needed: f64,
         /// Bytes that are free.
         free: u64,
-        /// What would be smaller.
+        /// Setting that takes less memory.
         remedy: &'static str,
     },
     /// Direct light of a caller's for another number of samples.
@@ -221,7 +221,7 @@ pub enum Error {
     SampleLightValue {
         /// Index of the sample.
         sample: usize,
-        /// What was given for it.
+        /// Value given.
         value: glam::Vec3,
     },
     /// A caller's direct light was in a buffer that an update has replaced by a larger one.
@@ -241,12 +241,12 @@ pub enum Error {
     /// An albedo that no material has.
     #[error(
         "material {material} is to reflect {value}; give shares from 0 to {}, and no more than its mirror and transmittance leave",
-        crate::albedo::MOST_ALBEDO
+        crate::albedo::MAX_ALBEDO
     )]
     AlbedoValue {
         /// Index of the material.
         material: usize,
-        /// What was given for it.
+        /// Value given.
         value: glam::Vec3,
     },
     /// A method whose operator holds the albedo of the bake.
@@ -273,7 +273,7 @@ impl From<runtime::recipe::localmatrix::CopyError> for Error {
 }
 
 impl Error {
-    /// Whether the observer asked to stop.
+    /// Returns true if the observer asked to stop.
     pub fn is_cancelled(&self) -> bool {
         match self {
             Self::Cancelled => true,

@@ -8,9 +8,9 @@
 //! | section | `PART`, kind, length (8) and CRC-32 of its body, CRC-32 of these: 24; then the body |
 //! | end | a section of kind 7 without a body |
 //!
-//! Numbers of headers are little-endian, tables in bodies have the order of the machine, which the header tells. The key is the
-//! SHA-256 of all that decides the other bytes: version, the scene's hash, settings, operators. A body is a structure
-//! in the encoding of the crate `postcard`, its tables the bytes that lie in memory ([`scene::pod`]):
+//! Numbers of headers are little-endian, tables in bodies have the order of the machine, which the header tells. The
+//! key is the SHA-256 of all that decides the other bytes: version, the scene's hash, settings, operators. A body is a
+//! structure in the encoding of the crate `postcard`, its tables the bytes that lie in memory ([`scene::pod`]):
 //!
 //! | kind | name | what |
 //! |---|---|---|
@@ -48,28 +48,28 @@ pub use sections::{HEAD_BYTES, Kind, Section};
 
 use sections::{SectionWriter, Sections, VERSION, version};
 
-/// Where a bake came from.
+/// Source of a bake.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Origin {
     /// The scene as the user named it.
     pub scene: String,
     /// SHA-256 over everything that decides a picture of it.
     pub scene_hash: [u8; 32],
-    /// What the application keeps with it: its cameras, names, exposure.
+    /// Data of the application: its cameras, names, exposure.
     #[serde(with = "scene::pod::table")]
     pub application: Vec<u8>,
 }
 
-/// What a file is to hold.
+/// Contents of a file.
 #[derive(Clone, Debug)]
 pub struct FileSettings {
-    /// Where the scene came from.
+    /// Source of the scene.
     pub origin: Origin,
     /// Settings of the bake.
     pub bake: BakeSettings,
     /// Methods whose operators are made and kept; methods without one need nothing of the file but the bake.
     pub methods: Vec<MethodSettings>,
-    /// Where operators are built.
+    /// Place where operators are built.
     pub build: Build,
 }
 
@@ -79,7 +79,7 @@ impl FileSettings {
         BakeSettings { memory_limit: None, ..self.bake }
     }
 
-    /// What decides the bytes, but for the words of the user.
+    /// Hash of all that decides the bytes, except the user's words.
     fn key(&self, operators: &[OperatorKey]) -> [u8; 32] {
         let text = serde_json::to_string(&(self.kept(), operators)).unwrap_or_default();
         let mut sum = Sha256::new();
@@ -90,7 +90,7 @@ impl FileSettings {
     }
 }
 
-/// What a file says of itself.
+/// Head of a file.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 struct Head {
     origin: Origin,
@@ -152,13 +152,13 @@ struct StoredReceivers {
 pub struct BakeFile {
     /// The bake, with the operators that the file has.
     pub bake: Bake,
-    /// Where it came from.
+    /// Source of the scene.
     pub origin: Origin,
     /// Its sections, in order.
     pub sections: Vec<Section>,
 }
 
-/// What a bake is of.
+/// Kind of a bake.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum BakeKind {
     /// A scene: [`Bake::open`].
@@ -167,7 +167,7 @@ pub enum BakeKind {
     World,
 }
 
-/// What a file is the bake of, by its first [`HEAD_BYTES`]; none for another kind of file.
+/// Kind of bake in a file, by its first [`HEAD_BYTES`]; none for another kind of file.
 pub fn kind_of(head: &[u8]) -> Option<BakeKind> {
     match version(head)? {
         0 | 1 => Some(BakeKind::World),
@@ -176,11 +176,13 @@ pub fn kind_of(head: &[u8]) -> Option<BakeKind> {
 }
 
 impl Bake {
-    /// Bakes a scene into a file, and gives the bake; goes on where an interrupted run of the same ended. The bytes are the same
-    /// for any number of threads and interruptions. `device` traces rays, as in [`Bake::build_on`], and may build operators.
+    /// Bakes a scene into a file, and gives the bake; goes on where an interrupted run of the same ended. The bytes are
+    /// the same for any number of threads and interruptions. `device` traces rays, as in [`Bake::build_on`], and may
+    /// build operators.
     ///
     /// # Errors
-    /// As [`Bake::build`]; [`Error::Medium`] for operators of a scene with a medium; what the file says. What was made until then stays in `PATH.beginning` for the next run.
+    /// As [`Bake::build`]; [`Error::Medium`] for operators of a scene with a medium; what the file says. What was made
+    /// until then stays in `PATH.beginning` for the next run.
     pub fn build_into(
         path: &Path,
         scene: &Scene,
@@ -323,7 +325,7 @@ fn write_patches<'a>(
     Ok(patches)
 }
 
-/// Whether the tables of a bake fit together, so that no frame reads beside them.
+/// Checks that the tables of a bake fit together, so that no frame reads beside them.
 fn check(bake: &Bake) -> Result<(), Error> {
     let Bake { scene, mesh, form_factors, receivers, operators, .. } = bake;
     mesh.check(scene.geometry.triangles.len())?;

@@ -20,10 +20,11 @@ use transport::{Csr, HitCounts, LinearOperator, Observer, Phase};
 use crate::error::Error;
 use crate::observe::Report;
 
-/// Most lights to which each surface of a walk looks on lavapipe, which ends all loops of an invocation after 65,535 rounds.
-const MOST_EMULATED_LIGHTS: usize = 8;
+/// Most lights to which each surface of a walk looks on lavapipe, which ends all loops of an invocation after 65,535
+/// rounds.
+const MAX_EMULATED_LIGHTS: usize = 8;
 /// Fewest rays of an element's row.
-const LEAST_ELEMENT_RAYS: u64 = 64;
+const MIN_ELEMENT_RAYS: u64 = 64;
 
 /// Estimator of the form factors.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -41,7 +42,8 @@ pub enum Estimator {
     Point,
 }
 
-/// Who traces the rays of elements and receivers and walks to light: the host's own hierarchy, or the kernels of a device.
+/// Who traces the rays of elements and receivers and walks to light: the host's own hierarchy, or the kernels of a
+/// device.
 pub(crate) struct RowRays<'d> {
     device: Option<Mutex<Device<'d>>>,
 }
@@ -55,7 +57,7 @@ struct Device<'d> {
     rays: u64,
     places: u64,
     sights: u64,
-    /// What the plan of the device is, unless it is that of rows.
+    /// Kind of the loaded plan, unless it is that of rows.
     loaded: Option<Loaded>,
 }
 
@@ -155,8 +157,8 @@ impl<'d> RowRays<'d> {
         }
     }
 
-    /// Adds a row of counts of hits for each of the rows; with sky rows four, as [`add_quadrant_rows`] does. Returns their sky
-    /// factors.
+    /// Adds a row of counts of hits for each of the rows; with sky rows four, as [`add_quadrant_rows`] does. Returns
+    /// their sky factors.
     ///
     /// # Errors
     /// Cancellation, what the device says.
@@ -198,7 +200,7 @@ impl Walker for RowRays<'_> {
     ) -> Result<Vec<u32>, patches::Error> {
         let too_many = |device: &Device| {
             let is_emulated = device.executor.device().kind == DeviceKind::EmulatedOnCpu;
-            is_emulated && scene.lighting.lights.len() > MOST_EMULATED_LIGHTS
+            is_emulated && scene.lighting.lights.len() > MAX_EMULATED_LIGHTS
         };
         let Some(mut device) = self.lock().filter(|device| !too_many(device)) else {
             return Ok(places.par_iter().map(|place| part_taken(scene, place, walks, seed)).collect());
@@ -216,7 +218,7 @@ impl Walker for RowRays<'_> {
     }
 }
 
-/// What a device says, on its way through `patches`.
+/// Converts a device's error on its way through `patches`.
 fn of_device(error: ExecutorError) -> patches::Error {
     patches::Error::Rows(Box::new(Error::from(error)))
 }
@@ -248,7 +250,8 @@ impl FormFactors {
         Self::estimate_by(scene, mesh, (estimator, seed), &HOST, report)
     }
 
-    /// [`FormFactors::estimate`]; rays of elements that are finer than patches are traced by the device, if there is one.
+    /// [`FormFactors::estimate`]; rays of elements that are finer than patches are traced by the device, if there is
+    /// one.
     ///
     /// # Errors
     /// As [`FormFactors::estimate`]; what the device says.
@@ -271,7 +274,7 @@ impl FormFactors {
         }
     }
 
-    /// Of patches with outlines, made reciprocal and closed.
+    /// Form factors of patches with outlines, made reciprocal and closed.
     fn of_polygons(
         scene: &Scene,
         mesh: &PatchMesh,
@@ -292,8 +295,8 @@ impl FormFactors {
         Ok(Self { factors, element_rows: None, sky_factor: rows.sky_factor })
     }
 
-    /// Of patches made of samples. No balance: their areas are estimates by samples, and reciprocity with them would make good
-    /// rows worse.
+    /// Form factors of patches made of samples. No balance: their areas are estimates by samples, and reciprocity with
+    /// them would make good rows worse.
     fn of_samples(
         scene: &Scene,
         mesh: &PatchMesh,
@@ -316,7 +319,7 @@ impl FormFactors {
         Ok(Self { factors: Arc::new(factors), element_rows: Some(Arc::new(rows)), sky_factor })
     }
 
-    /// What elements gather by.
+    /// Operator that elements gather by.
     pub fn element_operator(&self) -> &dyn LinearOperator {
         match &self.element_rows {
             Some(rows) => &**rows,
@@ -342,5 +345,5 @@ impl FormFactors {
 /// Rays of an element's row: as many in all as rows of the patches' own would take.
 fn element_rays(rays: u32, mesh: &PatchMesh) -> u32 {
     let all = u64::from(rays) * mesh.patches.len() as u64;
-    all.div_ceil(mesh.elements.len().max(1) as u64).max(LEAST_ELEMENT_RAYS) as u32
+    all.div_ceil(mesh.elements.len().max(1) as u64).max(MIN_ELEMENT_RAYS) as u32
 }

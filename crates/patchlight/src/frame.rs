@@ -15,11 +15,11 @@ pub const LAST_BOUNCES: u32 = 2;
 
 /// A frame's plan while its stages add their passes, in their order: direct, source, method, gather, shade.
 pub struct FramePlan<'a> {
-    /// What is lit.
+    /// The bake that is lit.
     pub bake: &'a Bake,
     /// Bounces of a frame.
     pub bounces: u32,
-    /// What runs the plan.
+    /// The device that runs the plan.
     pub device: &'a DeviceInfo,
     /// Passes so far.
     pub plan: Plan,
@@ -30,7 +30,7 @@ pub struct FramePlan<'a> {
     /// Light of the patches: albedo ρ, first exitance E, irradiance H (what the method is to find) and exitance B. The
     /// irradiance has as many values as a lookup between patches needs.
     pub patches: Surfaces,
-    /// The same of the elements, into which patches are cut.
+    /// Surfaces of the elements, into which patches are cut.
     pub elements: Surfaces,
     /// Irradiance of receivers, W/m²: of each quadrant of their hemispheres, and then smoothed.
     pub received: BufferId,
@@ -40,12 +40,12 @@ pub struct FramePlan<'a> {
     pub zeros: BufferId,
 }
 
-/// What a frame is to show.
+/// Content of a frame.
 #[derive(Clone, Copy, Debug)]
 pub struct FrameInput<'a> {
-    /// What shines.
+    /// Lights, sky and emission.
     pub lighting: &'a Lighting,
-    /// Where it is seen from.
+    /// Camera.
     pub camera: &'a Camera,
     /// Counts the frames of the renderer, from 0.
     pub number: u32,
@@ -81,8 +81,8 @@ impl<'a> FramePlan<'a> {
         Self { bake, bounces, device, plan, tables, scene, patches, elements, received, interpolated, zeros }
     }
 
-    /// Bounces from patch to patch: all but the last two, which end at elements and receivers; all where the patches are the
-    /// receivers.
+    /// Bounces from patch to patch: all but the last two, which end at elements and receivers; all where the patches
+    /// are the receivers.
     pub fn patch_bounces(&self) -> u32 {
         match self.bake.settings.receivers {
             ReceiverKind::Patches => self.bounces.max(1),
@@ -90,7 +90,7 @@ impl<'a> FramePlan<'a> {
         }
     }
 
-    /// Whether light goes to the elements before it goes to the receivers.
+    /// Returns true if light goes to the elements before it goes to the receivers.
     pub fn has_element_bounce(&self) -> bool {
         self.bounces > 1 && self.bake.settings.receivers != ReceiverKind::Patches
     }

@@ -3,14 +3,14 @@
 //! [`Bake::build`] cuts a scene into patches and elements, estimates their form factors and places receivers;
 //! [`Bake::build_into`] keeps all of it in a file, which [`Bake::open`] has ready in a moment. A
 //! [`Renderer`] puts a bake on an executor: native code, a Vulkan device of its own, or one that is borrowed from an
-//! engine. [`Renderer::update_light`] finds the light of a frame, whatever lights, sky and emission have become, without
-//! waiting; [`Renderer::irradiance`] hands out the device buffers, and [`Renderer::picture`] shades a picture. An engine that
-//! knows the direct light already gives it: [`Renderer::set_sample_light`]. Methods whose operators do not hold the albedo take
-//! another one of each material: [`Renderer::set_albedo`].
+//! engine. [`Renderer::update_light`] finds the light of a frame, whatever lights, sky and emission have become,
+//! without waiting; [`Renderer::irradiance`] hands out the device buffers, and [`Renderer::picture`] shades a picture.
+//! An engine that knows the direct light already gives it: [`Renderer::set_sample_light`]. Methods whose operators do
+//! not hold the albedo take another one of each material: [`Renderer::set_albedo`].
 //!
-//! How light goes between patches is a [`Method`]: classic radiosity, the operator of all bounces, progressive feedback,
-//! sampled rows, the matrix round the camera, photons, or one's own. A frame is a plan of stages: direct light at samples →
-//! first exitance → the method → elements, receivers and interpolation points → pixels ([`stage`]).
+//! How light goes between patches is a [`Method`]: classic radiosity, the operator of all bounces, progressive
+//! feedback, sampled rows, the matrix round the camera, photons, or one's own. A frame is a plan of stages: direct
+//! light at samples → first exitance → the method → elements, receivers and interpolation points → pixels ([`stage`]).
 //!
 //! Units: metres; exitance and irradiance W/m², radiance W/m²/sr, linear Rec.709 RGB.
 //! Equation: `B = E + ρ H`, `H = F B` (Goral et al. 1984).
@@ -57,7 +57,7 @@ pub mod renderer;
 pub mod stage;
 pub mod world;
 
-pub use albedo::{Albedo, MOST_ALBEDO};
+pub use albedo::{Albedo, MAX_ALBEDO};
 pub use bake::{Bake, BakeSettings, PatchBake, ReceiverKind};
 pub use energy::{EnergyCheck, MeanRatio};
 pub use error::{Error, Result};

@@ -1,4 +1,4 @@
-//! How light goes between patches in one frame: first exitance E in, irradiance H out. One file a method.
+//! Light between patches in one frame: first exitance E in, irradiance H out. One file a method. One file a method.
 
 pub mod classic;
 pub mod feedback;
@@ -28,7 +28,7 @@ pub use firstshot::FirstShotSettings;
 pub use localmatrix::CameraSettings as LocalSettings;
 pub use temporal::TemporalSettings;
 
-/// How light goes between patches in one frame.
+/// Light between patches in one frame.
 ///
 /// A method adds its passes between those that find the first exitance E of the patches
 /// ([`FramePlan::patches`]) and those that take their irradiance H, W/m², to receivers and pixels. It is made for a
@@ -40,8 +40,8 @@ pub trait Method: Send {
     /// What the plan says.
     fn add_passes(&mut self, frame: &mut FramePlan) -> Result<(), Error>;
 
-    /// Adds the method's own passes from an exitance to the irradiance of the elements, in place of the product with their
-    /// rows, and says whether it did.
+    /// Adds the method's own passes from an exitance to the irradiance of the elements, in place of the product with
+    /// their rows, and says whether it did.
     ///
     /// # Errors
     /// What the plan says.
@@ -50,7 +50,7 @@ pub trait Method: Send {
         Ok(false)
     }
 
-    /// The same from the exitance of the elements to the irradiance of the receivers, [`FramePlan::received`].
+    /// Adds the passes from the exitance of the elements to the irradiance of the receivers, [`FramePlan::received`].
     ///
     /// # Errors
     /// What the plan says.
@@ -59,18 +59,18 @@ pub trait Method: Send {
         Ok(false)
     }
 
-    /// Whether the method's own passes put the irradiance of the elements into [`FramePlan::elements`].
+    /// Returns true if the method's own passes put the irradiance of the elements into [`FramePlan::elements`].
     fn finds_element_irradiance(&self) -> bool {
         false
     }
 
-    /// Whether light loses what a medium between surfaces absorbs of it, up to the irradiance of the receivers.
+    /// Returns true if light loses what a medium between surfaces absorbs of it, up to the irradiance of the receivers.
     fn knows_media(&self) -> bool {
         false
     }
 
-    /// Whether H follows from E alone: nothing of it from the frames before, nothing from the camera. Then a light update under
-    /// the lighting of the one before has nothing to do.
+    /// Returns true if H follows from E alone: nothing of it from the frames before, nothing from the camera. Then a
+    /// light update under the lighting of the one before has nothing to do.
     fn depends_on_source_alone(&self) -> bool {
         false
     }
@@ -84,8 +84,8 @@ pub trait Method: Send {
         Ok(())
     }
 
-    /// Takes what shines from now on, in the scene with its present albedo, before anything of a frame is submitted; says whether
-    /// the loaded plan has room for it. Where it has not, the plan is made anew.
+    /// Takes what shines from now on, in the scene with its present albedo, before anything of a frame is submitted;
+    /// says whether the loaded plan has room for it. Where it has not, the plan is made anew.
     ///
     /// # Errors
     /// Light that the method does not serve; what the device says.
@@ -103,8 +103,8 @@ pub trait Method: Send {
         Ok(())
     }
 
-    /// Submits the method's passes, in place of the renderer, where the host has a part in them; gives the times of the host.
-    /// `None` leaves it to the renderer, which submits them with all others.
+    /// Submits the method's passes, in place of the renderer, where the host has a part in them; gives the times of the
+    /// host. `None` leaves it to the renderer, which submits them with all others.
     ///
     /// # Errors
     /// What the device says.
@@ -113,8 +113,8 @@ pub trait Method: Send {
         None
     }
 
-    /// Takes another albedo, which the buffers of the loaded plan hold from the next frame on; called for a new method, too,
-    /// where the albedo is not that of the bake, before its plan is loaded.
+    /// Takes another albedo, which the buffers of the loaded plan hold from the next frame on; called for a new method,
+    /// too, where the albedo is not that of the bake, before its plan is loaded.
     ///
     /// # Errors
     /// [`Error::AlbedoHeld`], which methods give that say nothing else.
@@ -132,21 +132,21 @@ pub trait Method: Send {
         Ok(())
     }
 
-    /// What the method holds and what its last frame did.
+    /// Report of the method and of its last frame.
     fn report(&self) -> MethodReport;
 
     /// The method as what it is, for what only it can tell.
     fn as_any(&self) -> &dyn std::any::Any;
 }
 
-/// What a method holds, and what its last frame did.
+/// Report of a method and of its last frame.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct MethodReport {
     /// Bytes of each part.
     pub bytes: BTreeMap<String, u64>,
     /// Milliseconds of the host before the frame.
     pub host_ms: f64,
-    /// What changed in the matrix round the camera.
+    /// Changes of the matrix round the camera.
     pub local: Option<localmatrix::CameraFrame>,
     /// Photons of the last run, once they are counted.
     pub photons: Option<::firstshot::Round>,
@@ -170,15 +170,15 @@ pub enum MethodSettings {
     FirstShot(FirstShotSettings),
 }
 
-/// What methods are made with, beside their own settings.
+/// Inputs of methods, beside their own settings.
 pub struct Preparation<'a> {
-    /// What is lit.
+    /// The bake that is lit.
     pub bake: &'a Arc<Bake>,
-    /// What decodes operators in texture blocks.
+    /// Decoder of operators in texture blocks.
     pub decode: Decode,
-    /// Where operators are built.
+    /// Place where operators are built.
     pub build: &'a Build,
-    /// Where the camera is at first, m.
+    /// Initial camera position, m.
     pub eye: glam::Vec3,
     /// Receives how far the work is.
     pub observer: &'a dyn Observer,
@@ -213,8 +213,8 @@ impl MethodSettings {
         }
     }
 
-    /// Whether the matrices of so many patches fit into memory, asked before anything is baked. Operators in tiles always do: they
-    /// are built panel by panel in a file.
+    /// Checks that the matrices of so many patches fit into memory, before anything is baked. Operators in tiles always
+    /// do: they are built panel by panel in a file.
     ///
     /// # Errors
     /// [`Error::TooLarge`] with what would be smaller.

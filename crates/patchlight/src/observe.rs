@@ -3,7 +3,7 @@
 use scene::Scene;
 use transport::{Observer, Phase, Proceed, Steps};
 
-/// What functions of the method crates report their progress to.
+/// Progress callback of the method crates.
 pub type Report<'a> = dyn Fn(usize, usize) -> Proceed + Sync + 'a;
 
 /// Runs a phase; the observer receives its beginning, its steps and its end.

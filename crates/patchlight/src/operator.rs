@@ -30,12 +30,12 @@ pub use build::{Build, BuildOn};
 pub use decode::{Decode, decoder_name};
 pub use symmetric::{SymmetricFactors, mean_visible_points};
 
-/// How an operator is stored.
+/// Storage of an operator.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Codec {
     /// A number of single precision for each entry and channel.
     Dense,
-    /// The same in half precision.
+    /// Rows in half precision.
     Half,
     /// Texture blocks, with the greatest entries beside them.
     Blocks(BlockCodec),
@@ -63,8 +63,8 @@ impl Codec {
 
 /// An operator between patches as it is multiplied by.
 ///
-/// The dense ones have a row `[red | green | blue | zeros]` for each patch, `columns / 3` entries of each channel, for planar
-/// RGB: so the products with one number an entry serve three channels.
+/// The dense ones have a row `[red | green | blue | zeros]` for each patch, `columns / 3` entries of each channel, for
+/// planar RGB: so the products with one number an entry serve three channels.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub enum PatchOperator {
     /// Single precision.
@@ -109,7 +109,7 @@ fn in_blocks(
     Ok(BlockMatrix::encode(n, rows, order, multibounce::BlockSettings::of(codec), &report)?)
 }
 
-/// What it is without the encoder.
+/// Reports that the encoder is not compiled in.
 #[cfg(not(feature = "texture-blocks"))]
 fn in_blocks(codec: BlockCodec, _: (usize, &MatrixRows), _: u32, _: &Report) -> Result<BlockMatrix, Error> {
     Err(Error::NoBlockEncoder { codec: Codec::Blocks(codec).name() })
@@ -167,7 +167,7 @@ impl PatchOperator {
         }
     }
 
-    /// Whether the tables are those of so many patches, where they come from a file.
+    /// Checks that the tables are those of so many patches, where they come from a file.
     ///
     /// # Errors
     /// The table that is not.
@@ -258,7 +258,7 @@ impl PatchOperator {
         }
     }
 
-    /// What there is to say about it.
+    /// Description for messages.
     pub fn describe(&self) -> String {
         let size = self.bytes() as f64 * 1e-6;
         match self {
@@ -359,7 +359,7 @@ pub(crate) const RADIUS_TOLERANCE: f32 = 1e-4;
 /// Tolerance of the eigenvalues that accelerated bounces go by.
 const RANGE_TOLERANCE: f32 = 1e-3;
 
-/// How progressive bounces settle by these form factors, plain and accelerated.
+/// Convergence of progressive bounces by these form factors, plain and accelerated.
 ///
 /// # Errors
 /// Form factors that are not those of so many patches.

@@ -1,7 +1,8 @@
 //! Light at the places where engines keep it: corners of triangles, texels of a lightmap, probes in the air.
 //!
-//! All of it is irradiance, W/m², of the last [`Renderer::update_light`]. Indirect light on surfaces is what pixels show,
-//! interpolated between the receivers; in the air it is gathered by rays from each probe. Direct light is added by shadow rays.
+//! All of it is irradiance, W/m², of the last [`Renderer::update_light`]. Indirect light on surfaces is what pixels
+//! show, interpolated between the receivers; in the air it is gathered by rays from each probe. Direct light is added
+//! by shadow rays.
 
 pub mod live;
 pub mod planes;
@@ -50,7 +51,8 @@ pub enum LightPart {
     Indirect,
 }
 
-/// The sides of each triangle of the bake's own scene that have receivers: it is cut where something stands on a triangle.
+/// The sides of each triangle of the bake's own scene that have receivers: it is cut where something stands on a
+/// triangle.
 pub fn lit_sides(bake: &Bake) -> Vec<Sides> {
     let mesh = &bake.receivers.interpolation;
     let is_lit = |first: u32, divisions: u32| {
@@ -66,9 +68,9 @@ pub fn lit_sides(bake: &Bake) -> Vec<Sides> {
     mesh.grids.iter().map(sides).collect()
 }
 
-/// Whether light comes to a point of the bake's scene: whether one of a few rays from it leaves the scene or meets a side with
-/// receivers, which stand where light comes. Inside of a solid, as where a column stands on a floor, none does. Needs
-/// receivers on the mesh.
+/// Returns true if light comes to a point of the bake's scene: one of a few rays from it leaves the scene or meets a
+/// side with receivers, which stand where light comes. Inside of a solid, as where a column stands on a floor, none
+/// does. Needs receivers on the mesh.
 pub fn is_lit(bake: &Bake, point: &SurfacePoint) -> bool {
     let mesh = &bake.receivers.interpolation;
     let tables = bake.scene.tables();
@@ -88,9 +90,9 @@ pub fn is_lit(bake: &Bake, point: &SurfacePoint) -> bool {
     })
 }
 
-/// Irradiance at the corners of each triangle, on its front or its back, W/m²: at the corner, the end of `edge_a` and the end of
-/// `edge_b`. Zero where that side has no receivers. Direct light is that of a place a twentieth of the way to the middle of the
-/// triangle: a corner itself touches what stands beside it.
+/// Irradiance at the corners of each triangle, on its front or its back, W/m²: at the corner, the end of `edge_a` and
+/// the end of `edge_b`. Zero where that side has no receivers. Direct light is that of a place a twentieth of the way
+/// to the middle of the triangle: a corner itself touches what stands beside it.
 ///
 /// # Errors
 /// [`Error::OutputReceivers`] unless receivers are on the mesh; what the device says.
@@ -152,8 +154,8 @@ pub fn in_volume(renderer: &mut Renderer, volume: &VoxelVolume, part: LightPart)
     Ok(values)
 }
 
-/// Irradiance at what the middle of each pixel shows, row by row, W/m²; zero where that is nothing. On lamps it is what falls
-/// on them.
+/// Irradiance at what the middle of each pixel shows, row by row, W/m²; zero where that is nothing. On lamps it is what
+/// falls on them.
 ///
 /// # Errors
 /// [`Error::OutputReceivers`] unless receivers are on the mesh; what the device says.

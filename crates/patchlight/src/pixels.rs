@@ -13,7 +13,7 @@ use crate::stage::shade::sub_frame_seed;
 /// Irradiance at some points, W/m², with the seed of their sub-frame.
 pub type Gather<'a> = dyn Fn(&[SurfacePoint], u32) -> Result<Vec<Vec4>, Error> + Sync + 'a;
 
-/// What the pixels of a frame show of indirect light.
+/// Indirect light at the pixels of a frame.
 pub struct PixelGather<'a> {
     /// The scene.
     pub scene: &'a Scene,

@@ -1,4 +1,5 @@
-//! A bake on a device: lights, camera and method change between frames, and nothing is waited for unless results are asked for.
+//! A bake on a device: lights, camera and method change between frames, and nothing is waited for unless results are
+//! asked for.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -31,7 +32,7 @@ use crate::stage::{direct, display, gather, shade, sky, source, view};
 /// Rays of a row of [`Renderer::irradiance_at`].
 const POINT_RAYS: u32 = 4096;
 /// Capacity for lights, at least.
-const LEAST_LIGHTS: usize = 16;
+const MIN_LIGHTS: usize = 16;
 
 /// Which receivers a light update computes. What is computed is the same.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -39,12 +40,12 @@ pub enum ReceiverUpdate {
     /// All: one update serves any number of views.
     #[default]
     All,
-    /// Those behind what the camera shows, in each sub-frame anew: the least work for a picture of few sub-frames. Receivers
-    /// on the mesh only; with others, and with a method that finds the irradiance of receivers itself, all.
+    /// Those behind what the camera shows, in each sub-frame anew: the least work for a picture of few sub-frames.
+    /// Receivers on the mesh only; with others, and with a method that finds the irradiance of receivers itself, all.
     InView,
 }
 
-/// Where the direct irradiance H_d of the samples comes from, of which follows the first exitance `E = ρ∘H_d` of the elements.
+/// Source of the direct irradiance H_d of the samples, of which follows the first exitance `E = ρ∘H_d` of the elements.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum SampleLight<'a> {
     /// From the lighting, by shadow rays.
@@ -56,12 +57,12 @@ pub enum SampleLight<'a> {
     OnDevice,
 }
 
-/// The same as it is kept.
+/// Owned copy of [`SampleLight`].
 #[derive(Clone, Debug, PartialEq)]
 enum KeptLight {
     Traced,
     Values(Vec<Vec4>),
-    /// Whether the caller has written the buffer of the loaded plan.
+    /// True if the caller has written the buffer of the loaded plan.
     OnDevice {
         is_written: bool,
     },
@@ -70,13 +71,13 @@ enum KeptLight {
 /// Settings of [`Renderer::new`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct RenderSettings {
-    /// How light goes between patches.
+    /// Method for light between patches.
     pub method: MethodSettings,
-    /// What decodes operators in texture blocks.
+    /// Decoder of operators in texture blocks.
     pub decode: Decode,
-    /// Where operators are built.
+    /// Place where operators are built.
     pub build: Build,
-    /// Where the camera is at first, m; only the matrix round the camera asks.
+    /// Initial camera position, m; used by the matrix round the camera only.
     pub eye: Vec3,
     /// Picture size, pixels.
     pub size: (u32, u32),
@@ -84,7 +85,7 @@ pub struct RenderSettings {
     pub sub_frames: u32,
     /// Which receivers a light update computes.
     pub receivers: ReceiverUpdate,
-    /// How pixels find direct light of what is large.
+    /// Method for direct light of large sources at pixels.
     pub direct: PixelLight,
 }
 
@@ -104,12 +105,13 @@ impl Default for RenderSettings {
     }
 }
 
-/// What a light update did.
+/// Report of a light update.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct LightUpdate {
     /// Counts the updates of the renderer, from 0.
     pub number: u32,
-    /// Times that are known: of the host's part of this update, and of passes that the device has finished since the last.
+    /// Times that are known: of the host's part of this update, and of passes that the device has finished since the
+    /// last.
     pub times: Vec<PassTime>,
 }
 
@@ -129,11 +131,12 @@ pub struct PendingPicture {
     update: LightUpdate,
 }
 
-/// Device buffers with the irradiance of the last light update, for the caller's own shaders: each value is a `Vec4`, RGB in
-/// W/m² and one unused component. `runtime::vulkan::Vulkan::buffer` gives the Vulkan buffer of each.
+/// Device buffers with the irradiance of the last light update, for the caller's own shaders: each value is a `Vec4`,
+/// RGB in W/m² and one unused component. `runtime::vulkan::Vulkan::buffer` gives the Vulkan buffer of each.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ReceiverBuffers {
-    /// Direct irradiance of the samples ([`Renderer::samples`]); with [`SampleLight::OnDevice`] what the caller's shaders write.
+    /// Direct irradiance of the samples ([`Renderer::samples`]); with [`SampleLight::OnDevice`] what the caller's
+    /// shaders write.
     pub direct: BufferId,
     /// Irradiance of the patches, all bounces but the last two where receivers are on the mesh.
     pub patches: BufferId,
@@ -170,7 +173,7 @@ pub struct Renderer {
     settings: RenderSettings,
     frame: Frame,
     sample_light: KeptLight,
-    /// Whether that, or the albedo, is another one than the last update's.
+    /// True if that, or the albedo, is another one than the last update's.
     has_new_source: bool,
     /// Material of each sample, once another albedo was asked for.
     sample_materials: Option<Vec<u32>>,
@@ -179,7 +182,7 @@ pub struct Renderer {
     number: u32,
 }
 
-/// What changes in a light update: the light of the elements, and the camera whose view is computed.
+/// Inputs that change in a light update: the light of the elements, and the camera whose view is computed.
 struct Changes {
     is_light: bool,
     is_view: bool,
@@ -201,11 +204,11 @@ struct Frame {
     elements: Vec<PassId>,
     /// From the elements to all receivers and interpolation points.
     receivers: Vec<PassId>,
-    /// The same of what is in view, where that is all that an update computes.
+    /// Update of what is in view, where that is all that is computed.
     view: Option<view::View>,
     /// The camera whose primary rays the buffers of the pixels have, where they keep them.
     seen_from: Option<Camera>,
-    /// Whether the light of the scene's lighting is on the device.
+    /// True if the light of the scene's lighting is on the device.
     is_lit: bool,
     /// Light straight from the sky at the interpolation points, where pixels show it, and whether it is there.
     sky: Option<sky::SkyLight>,
@@ -227,7 +230,7 @@ impl Renderer {
         Self::with_method(bake, executor, settings, method)
     }
 
-    /// The same with any method.
+    /// Makes a renderer with any method.
     ///
     /// # Errors
     /// A device that is too small; [`Error::Medium`].
@@ -273,7 +276,8 @@ impl Renderer {
     }
 
     /// Gives materials another albedo, all over in place of a texture, from the next update on: one value a material of
-    /// the scene, `None` for that of the bake. Waits for nothing, but where light that bounces more often needs another plan.
+    /// the scene, `None` for that of the bake. Waits for nothing, but where light that bounces more often needs another
+    /// plan.
     ///
     /// # Errors
     /// [`Error::AlbedoHeld`] of a method whose operator holds the albedo, here and from [`Self::set_method`];
@@ -333,17 +337,17 @@ impl Renderer {
         self.load()
     }
 
-    /// Says where updates and pictures take the direct irradiance of the samples from, from the next one on. An engine that has
-    /// it already, say by looking the samples up in its shadow maps, thus saves all shadow rays of an update.
+    /// Says where updates and pictures take the direct irradiance of the samples from, from the next one on. An engine
+    /// that has it already, say by looking the samples up in its shadow maps, thus saves all shadow rays of an update.
     ///
-    /// A caller's irradiance is all that comes to the samples straight from lights, emissive surfaces and a sky with a map; what a
-    /// constant sky sends is added to it by the updates, from the lighting. Pixels of [`Self::picture`] find their own direct
-    /// light by the lighting, and photons start at its lights.
+    /// A caller's irradiance is all that comes to the samples straight from lights, emissive surfaces and a sky with a
+    /// map; what a constant sky sends is added to it by the updates, from the lighting. Pixels of [`Self::picture`]
+    /// find their own direct light by the lighting, and photons start at its lights.
     ///
-    /// With [`SampleLight::OnDevice`] it is called for each new content of the buffer, whose writes a memory barrier has made
-    /// visible to all commands. The buffer is another one after [`Self::set_method`], [`Self::set_receivers`] and
-    /// [`Self::set_picture`], after an update with more lights or another size of the sky's map than any before, and after
-    /// [`Self::set_albedo`] where light then bounces more often.
+    /// With [`SampleLight::OnDevice`] it is called for each new content of the buffer, whose writes a memory barrier
+    /// has made visible to all commands. The buffer is another one after [`Self::set_method`], [`Self::set_receivers`]
+    /// and [`Self::set_picture`], after an update with more lights or another size of the sky's map than any before,
+    /// and after [`Self::set_albedo`] where light then bounces more often.
     ///
     /// # Errors
     /// Another number of values than there are samples; a value that is not finite or below 0.
@@ -383,12 +387,13 @@ impl Renderer {
         Ok(())
     }
 
-    /// Finds the light of a frame: direct light → first exitance → the method → interpolation points. Lights may be added,
-    /// removed and changed, and so may the sky and the emission of materials; only lights that have moved are traced, so one that
-    /// is switched off best stays in the list with the colour zero. Submits the work and waits for nothing, but where
-    /// more lights or another sky map need larger buffers, with photons that go on to an error or start where lights that are not
-    /// areas have changed, and with the solvers of the host.
-    /// Under the lighting of the update before, only what may still change is found. [`Self::set_sample_light`] gives direct light that is known already.
+    /// Finds the light of a frame: direct light → first exitance → the method → interpolation points. Lights may be
+    /// added, removed and changed, and so may the sky and the emission of materials; only lights that have moved are
+    /// traced, so one that is switched off best stays in the list with the colour zero. Submits the work and waits for
+    /// nothing, but where more lights or another sky map need larger buffers, with photons that go on to an error or
+    /// start where lights that are not areas have changed, and with the solvers of the host. Under the lighting of the
+    /// update before, only what may still change is found. [`Self::set_sample_light`] gives direct light that is known
+    /// already.
     ///
     /// # Errors
     /// Lighting that does not suit the scene; [`Error::SampleLightLost`]; what the device says.
@@ -468,7 +473,7 @@ impl Renderer {
         &self.frame.buffers
     }
 
-    /// What runs the plan: to record into a caller's command buffer, to ask for device buffers, to wait.
+    /// Executor of the plan: to record into a caller's command buffer, to ask for device buffers, to wait.
     pub fn executor_mut(&mut self) -> &mut dyn Executor {
         self.executor.as_mut()
     }
@@ -489,12 +494,12 @@ impl Renderer {
         self.method.as_ref()
     }
 
-    /// What the method holds, and what its last frame did.
+    /// Report of the method and of its last frame.
     pub fn report(&self) -> MethodReport {
         self.method.report()
     }
 
-    /// The same with what only the device knows of the last frame; waits for it.
+    /// Report with what only the device knows of the last frame; waits for it.
     ///
     /// # Errors
     /// What the device says.
@@ -512,8 +517,8 @@ impl Renderer {
         self.end_picture(pending)
     }
 
-    /// Submits what [`Self::picture`] waits for: meanwhile the caller is free, to write the picture before into a file, say.
-    /// [`Self::end_picture`] gives it, before anything else is asked of the renderer.
+    /// Submits what [`Self::picture`] waits for: meanwhile the caller is free, to write the picture before into a file,
+    /// say. [`Self::end_picture`] gives it, before anything else is asked of the renderer.
     ///
     /// # Errors
     /// As [`Self::update_light`].
@@ -551,11 +556,11 @@ impl Renderer {
         Ok(FrameResult { pictures: Pictures { full, direct, indirect }, times })
     }
 
-    /// A light update, and a picture of it as a display shows it with an exposure of so many stops: colours in the buffer
-    /// [`Self::displayed`]. They are those of [`Self::picture`] but for rounding, where receivers are on the mesh or patches;
-    /// with receivers at pixels, which are gathered on the host, indirect light is missing. Submits the work and waits for
-    /// nothing, as [`Self::update_light`] does. From the camera of the picture before, in one sub-frame of [`PixelLight::Smooth`],
-    /// primary rays are not traced again.
+    /// A light update, and a picture of it as a display shows it with an exposure of so many stops: colours in the
+    /// buffer [`Self::displayed`]. They are those of [`Self::picture`] but for rounding, where receivers are on the
+    /// mesh or patches; with receivers at pixels, which are gathered on the host, indirect light is missing. Submits
+    /// the work and waits for nothing, as [`Self::update_light`] does. From the camera of the picture before, in one
+    /// sub-frame of [`PixelLight::Smooth`], primary rays are not traced again.
     ///
     /// # Errors
     /// As [`Self::update_light`].
@@ -577,9 +582,9 @@ impl Renderer {
         Ok(update)
     }
 
-    /// Where [`Self::display`] leaves the picture: a word a pixel, row by row from the top, its bytes red, green, blue and 255
-    /// from the lowest. Another buffer after [`Self::set_method`], [`Self::set_receivers`], [`Self::set_picture`], and after an
-    /// update that asks for larger tables.
+    /// Buffer of the picture after [`Self::display`]: a word a pixel, row by row from the top, its bytes red, green,
+    /// blue and 255 from the lowest. Another buffer after [`Self::set_method`], [`Self::set_receivers`],
+    /// [`Self::set_picture`], and after an update that asks for larger tables.
     pub fn displayed(&self) -> BufferId {
         self.frame.display.pixels
     }
@@ -600,8 +605,8 @@ impl Renderer {
         Ok(by_name(times))
     }
 
-    /// Indirect irradiance of the last update where pixels take it from, W/m²: at the interpolation points, or of the patches
-    /// where they are the receivers.
+    /// Indirect irradiance of the last update where pixels take it from, W/m²: at the interpolation points, or of the
+    /// patches where they are the receivers.
     ///
     /// # Errors
     /// What the device says.
@@ -629,8 +634,8 @@ impl Renderer {
         Ok(self.executor.download_table(buffer)?)
     }
 
-    /// Indirect irradiance of the last update at any points, W/m²: their own rows, gathered exactly from the elements, or, with
-    /// the patches as receivers, the mean of those about.
+    /// Indirect irradiance of the last update at any points, W/m²: their own rows, gathered exactly from the elements,
+    /// or, with the patches as receivers, the mean of those about.
     ///
     /// # Errors
     /// What the device says; cancellation.
@@ -651,8 +656,8 @@ impl Renderer {
         Ok(light.iter().map(|h| h.truncate()).collect())
     }
 
-    /// Pictures of the bake and of the last update's light in it, as a camera sees them: patches, elements, the axes of their
-    /// normals, E and H of the patches (H of all bounces but the last where receivers are not patches), and where
+    /// Pictures of the bake and of the last update's light in it, as a camera sees them: patches, elements, the axes of
+    /// their normals, E and H of the patches (H of all bounces but the last where receivers are not patches), and where
     /// receivers are on the mesh, they and their distances. `stops` is the exposure of the scene's pictures.
     ///
     /// # Errors
@@ -750,8 +755,8 @@ impl Renderer {
         bytes
     }
 
-    /// Takes over what shines, and puts on the device what has changed of it; the passes of direct light and of the first
-    /// exitance that this asks for.
+    /// Takes over what shines, and puts on the device what has changed of it; the passes of direct light and of the
+    /// first exitance that this asks for.
     fn set_lighting(&mut self, lighting: &Lighting) -> Result<Vec<PassId>, Error> {
         if self.frame.is_lit && self.scene.lighting == *lighting && !self.has_new_source {
             return Ok(Vec::new());
@@ -847,8 +852,8 @@ fn submit_light(
 }
 
 impl Frame {
-    /// The passes of a picture that is shown; without the primary rays, and without finding out what is in view, where that
-    /// `is_seen` already.
+    /// The passes of a picture that is shown; without the primary rays, and without finding out what is in view, where
+    /// that `is_seen` already.
     fn display_passes(&self, is_seen: bool) -> Vec<PassId> {
         let mut left_out: Vec<PassId> = self.shade.direct_passes().collect();
         if is_seen {
@@ -875,7 +880,7 @@ impl Frame {
     ) -> Result<Self, Error> {
         let device = executor.device().clone();
         let bounces = albedo.map_or(bake.bounces, |albedo| albedo.bounces);
-        let capacity = scene.lighting.lights.len().next_power_of_two().max(LEAST_LIGHTS);
+        let capacity = scene.lighting.lights.len().next_power_of_two().max(MIN_LIGHTS);
         let mut frame = FramePlan::new(bake, scene, capacity, bounces, &device);
         let tables = frame.scene.clone();
         let direct = direct::add(&mut frame, &tables)?;

@@ -1,4 +1,5 @@
-//! Bakes in files: the same light as without, the same bytes whatever interrupts them, and errors that say what is wrong.
+//! Bakes in files: the same light as without, the same bytes whatever interrupts them, and errors that say what is
+//! wrong.
 
 use std::ops::ControlFlow;
 use std::path::Path;

@@ -23,7 +23,7 @@ const VERSION: u32 = 1;
 const HEADER: usize = 8 + 7 * 4 + 32;
 const CHECKSUM: usize = 32;
 
-/// What is kept of a pixel.
+/// Kept sums of a pixel.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub(crate) struct PixelSums {
@@ -37,7 +37,8 @@ pub(crate) struct PixelSums {
 const _: () = assert!(size_of::<PixelSums>() == 40);
 
 impl PixelSums {
-    /// Adds sample `index`. Samples are added one by one and in order, so that any split of the work gives the same bits.
+    /// Adds sample `index`. Samples are added one by one and in order, so that any split of the work gives the same
+    /// bits.
     #[inline]
     pub(crate) fn add(&mut self, index: u32, direct: Vec3, indirect: Vec3) {
         self.direct += direct;
@@ -129,7 +130,7 @@ impl Accumulation {
         self.standard_error(0)
     }
 
-    /// The same of [`Accumulation::indirect`].
+    /// Standard error of [`Accumulation::indirect`].
     pub fn indirect_standard_error(&self) -> Option<Picture> {
         self.standard_error(1)
     }
@@ -182,8 +183,8 @@ impl Accumulation {
         Some(BlockErrors { median, p90, max: quantile(&mut errors, 1.0) })
     }
 
-    /// Saves everything needed to continue, with a checksum, whole or not at all. `fingerprint` is that of the scene and
-    /// camera: [`fingerprint`].
+    /// Saves everything needed to continue, with a checksum, whole or not at all. `fingerprint` is that of the scene
+    /// and camera: [`fingerprint`].
     ///
     /// # Errors
     /// [`Error::Write`].
@@ -205,8 +206,8 @@ impl Accumulation {
         })
     }
 
-    /// Reads a saved accumulation for the same scene, camera and settings; adding samples then gives the same bits as if
-    /// it had never stopped.
+    /// Reads a saved accumulation for the same scene, camera and settings; adding samples then gives the same bits as
+    /// if it had never stopped.
     ///
     /// # Errors
     /// [`Error::Read`], or [`Error::Resume`] with the reason.

@@ -25,7 +25,7 @@ pub struct ReferencePoint {
     pub indirect_error: Vec3,
 }
 
-/// What a reference folder holds: `full.exr`, and where they exist `direct.exr`, `indirect.exr`, `points.csv`.
+/// Contents of a reference folder: `full.exr`, and where they exist `direct.exr`, `indirect.exr`, `points.csv`.
 #[derive(Clone, Debug)]
 pub struct ReferenceData {
     /// The folder.

@@ -1,4 +1,4 @@
-//! What can go wrong with pictures, reference folders, comparisons and saved accumulations.
+//! Errors of pictures, reference folders, comparisons and saved accumulations.
 
 use std::io;
 use std::path::PathBuf;
@@ -11,7 +11,7 @@ pub enum Error {
     Read {
         /// The file.
         path: PathBuf,
-        /// What the system says.
+        /// Error from the operating system.
         source: io::Error,
     },
     /// A file cannot be written.
@@ -19,7 +19,7 @@ pub enum Error {
     Write {
         /// The file.
         path: PathBuf,
-        /// What the system says.
+        /// Error from the operating system.
         source: io::Error,
     },
     /// A file is not the picture it should be.
@@ -27,7 +27,7 @@ pub enum Error {
     Decode {
         /// The file.
         path: PathBuf,
-        /// What the decoder says.
+        /// Message of the decoder.
         reason: String,
     },
     /// A picture could not be encoded.
@@ -35,7 +35,7 @@ pub enum Error {
     Encode {
         /// The file.
         path: PathBuf,
-        /// What the encoder says.
+        /// Message of the encoder.
         reason: String,
     },
     /// The picture is smaller than the window of a metric.
@@ -77,15 +77,15 @@ pub enum Error {
         path: PathBuf,
         /// Line, counted from 1.
         line: usize,
-        /// What is wrong.
+        /// Description of the fault.
         reason: String,
     },
     /// There are not as many of one thing as of another.
     #[error("{found} values given for {expected} {of}")]
     Count {
-        /// What there is a value for each of.
+        /// Things that each need a value.
         of: &'static str,
-        /// How many there are.
+        /// Number of such things.
         expected: usize,
         /// Values.
         found: usize,
@@ -104,11 +104,11 @@ pub enum Error {
     /// A setting has a value that makes no sense.
     #[error("{name} {value}: must be {rule}")]
     Setting {
-        /// What is set.
+        /// Name of the setting.
         name: &'static str,
         /// Its value.
         value: f64,
-        /// What it must be.
+        /// Rule that it breaks.
         rule: &'static str,
     },
     /// A normal is no direction.
@@ -116,7 +116,7 @@ pub enum Error {
     NoDirection {
         /// Position, m.
         position: glam::Vec3,
-        /// What should be its normal.
+        /// Value given for the normal.
         normal: glam::Vec3,
     },
     /// A scene could not be made.

@@ -6,8 +6,8 @@ use std::path::{Path, PathBuf};
 
 use crate::error::Error;
 
-/// Writes a file through a temporary one beside it (`NAME.part`) that is renamed at the end, so that a reader never sees
-/// half a file. `write` fills the file; its own errors and those of the system remove the temporary file.
+/// Writes a file through a temporary one beside it (`NAME.part`) that is renamed at the end, so that a reader never
+/// sees half a file. `write` fills the file; its own errors and those of the system remove the temporary file.
 ///
 /// # Errors
 /// [`Error::Write`] when the system refuses, else what `write` returns.

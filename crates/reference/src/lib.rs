@@ -1,17 +1,18 @@
 //! Path tracer, picture metrics and reference data: what every method of Patchlight is measured with.
 //!
-//! - `PathTracer` estimates `L = L_e + ρ/π · E` over a `scene::Scene`: two-sided Lambert surfaces with flat normals, mirrors and
-//!   clear glass beside, alpha masks passed through, emission from the front face. Every path vertex casts a shadow ray to each light, to one emissive triangle
-//!   and to one direction of the sky map, is connected with a point in parallel light, and goes on with a cosine-weighted ray;
-//!   the balance heuristic (Veach and Guibas 1995) weights what can be found in several ways, Russian roulette ends dark paths.
-//!   Unbiased: no clamping, no denoiser.
-//! - Light is split at the visible surface: *direct* is what is seen of emitters and sky, and light that reached the visible
-//!   surface straight from a light; *indirect* is the rest. Pixels are means over their squares.
-//! - `Accumulation` holds the sums of a picture. It can be stopped, saved and continued; the bits do not depend on that, nor on
-//!   the number of threads. Its standard errors come from the spread of passes of eight samples.
+//! - `PathTracer` estimates `L = L_e + ρ/π · E` over a `scene::Scene`: two-sided Lambert surfaces with flat normals,
+//!   mirrors and clear glass beside, alpha masks passed through, emission from the front face. Every path vertex casts
+//!   a shadow ray to each light, to one emissive triangle and to one direction of the sky map, is connected with a
+//!   point in parallel light, and goes on with a cosine-weighted ray; the balance heuristic (Veach and Guibas 1995)
+//!   weights what can be found in several ways, Russian roulette ends dark paths. Unbiased: no clamping, no denoiser.
+//! - Light is split at the visible surface: *direct* is what is seen of emitters and sky, and light that reached the
+//!   visible surface straight from a light; *indirect* is the rest. Pixels are means over their squares.
+//! - `Accumulation` holds the sums of a picture. It can be stopped, saved and continued; the bits do not depend on
+//!   that, nor on the number of threads. Its standard errors come from the spread of passes of eight samples.
 //! - `Picture` reads EXR, HDR and PNG and writes EXR and PNG, each file whole or not at all.
-//! - `metrics` compares pictures (MSE, PSNR, SSIM, FLIP on displayed values; median relative error, PSNR and mean ratio on 8 × 8
-//!   block means) and irradiance at points; `metrics::faults` counts noise, leaks, stains and blotches. `ReferenceData` reads a folder of pictures and points made by another program.
+//! - `metrics` compares pictures (MSE, PSNR, SSIM, FLIP on displayed values; median relative error, PSNR and mean ratio
+//!   on 8 × 8 block means) and irradiance at points; `metrics::faults` counts noise, leaks, stains and blotches.
+//!   `ReferenceData` reads a folder of pictures and points made by another program.
 //!
 //! Units: metres, radiance W/m²/sr, irradiance W/m², linear Rec.709 RGB.
 //!

@@ -1,8 +1,8 @@
-//! How far a picture, or irradiance at points, is from a reference.
+//! Errors of a picture, or of irradiance at points, against a reference.
 //!
-//! Linear metrics look at means over blocks of 8 × 8 pixels, because references carry noise in single pixels; tone-mapped
-//! metrics (MSE, PSNR, SSIM, FLIP) look at what a display shows: value × scale, clamped, sRGB. [`faults`] counts the pixels
-//! that a person finds wrong.
+//! Linear metrics look at means over blocks of 8 × 8 pixels, because references carry noise in single pixels;
+//! tone-mapped metrics (MSE, PSNR, SSIM, FLIP) look at what a display shows: value × scale, clamped, sRGB. [`faults`]
+//! counts the pixels that a person finds wrong.
 
 use glam::Vec3;
 use nv_flip::{DEFAULT_PIXELS_PER_DEGREE, FlipImageFloat, FlipImageRgb8};
@@ -37,13 +37,13 @@ pub struct PictureErrors {
     /// `−10 log₁₀ mse`, dB.
     #[serde(skip_serializing_if = "is_infinite", default = "infinity")]
     pub psnr_db: f64,
-    /// Structural similarity of the displayed luma, Gaussian window 11 × 11 with σ = 1.5 (Wang et al. 2004), mean over the
-    /// windows that lie inside the picture; 1 for equal pictures.
+    /// Structural similarity of the displayed luma, Gaussian window 11 × 11 with σ = 1.5 (Wang et al. 2004), mean over
+    /// the windows that lie inside the picture; 1 for equal pictures.
     pub ssim: f64,
     /// Mean of the FLIP map (Andersson et al. 2020) at 67 pixels a degree; 0 for equal pictures, 1 at worst.
     pub flip: f64,
-    /// Median of |ours / reference − 1| over the luminance of 8 × 8 block means. Beside a black reference, whose truth is 0: median
-    /// of ours × scale, in display whites.
+    /// Median of |ours / reference − 1| over the luminance of 8 × 8 block means. Beside a black reference, whose truth
+    /// is 0: median of ours × scale, in display whites.
     pub block_median_relative_error: f64,
     /// PSNR of the displayed 8 × 8 block means, dB.
     #[serde(skip_serializing_if = "is_infinite", default = "infinity")]
@@ -71,20 +71,20 @@ fn infinity() -> f64 {
     f64::INFINITY
 }
 
-/// The scale at which pictures of indirect light are compared: 0.18 / log-average luminance of the reference, 1 for a black
-/// one.
+/// The scale at which pictures of indirect light are compared: 0.18 / log-average luminance of the reference, 1 for a
+/// black one.
 pub fn indirect_scale(reference_indirect: &Picture) -> f32 {
     let average = reference_indirect.log_average_luminance();
     if average > 0.0 { 0.18 / average } else { 1.0 }
 }
 
 /// All errors of a picture. `scale` is the exposure of the tone-mapped ones: `stops_to_scale` of the scene's stops for
-/// pictures of all light, [`indirect_scale`] for indirect light. Pixels whose `mask` is false are left out, and so are the
-/// 8 × 8 blocks that hold such a pixel and the SSIM windows centred on one.
+/// pictures of all light, [`indirect_scale`] for indirect light. Pixels whose `mask` is false are left out, and so are
+/// the 8 × 8 blocks that hold such a pixel and the SSIM windows centred on one.
 ///
 /// # Errors
-/// The pictures differ in size, are smaller than 11 × 11 or hold numbers that are not finite; the mask has another length, or
-/// leaves nothing.
+/// The pictures differ in size, are smaller than 11 × 11 or hold numbers that are not finite; the mask has another
+/// length, or leaves nothing.
 pub fn compare_pictures(
     ours: &Picture,
     reference: &Picture,
@@ -132,8 +132,8 @@ pub fn compare_pictures(
     })
 }
 
-/// Relative errors of the luminance of irradiance at points, |ours − reference| / max(reference, 0.05 · mean reference), one
-/// a point.
+/// Relative errors of the luminance of irradiance at points, |ours − reference| / max(reference, 0.05 · mean
+/// reference), one a point.
 ///
 /// # Errors
 /// [`Error::Count`] when the lengths differ, [`Error::Nothing`] without light in the reference,
@@ -181,8 +181,8 @@ pub fn absolute_difference_picture(ours: &Picture, reference: &Picture, gain: f3
     Ok(ours.combine(reference, |o, r| (o - r).abs() * gain)?)
 }
 
-/// The difference as a picture: (ours − reference) / max(reference, 0.05 · mean reference) on luminance; white where equal,
-/// red where ours is brighter, blue where it is darker, full colour at ± `range`. To be shown without exposure.
+/// The difference as a picture: (ours − reference) / max(reference, 0.05 · mean reference) on luminance; white where
+/// equal, red where ours is brighter, blue where it is darker, full colour at ± `range`. To be shown without exposure.
 ///
 /// # Errors
 /// [`scene::Error::SizeMismatch`].

@@ -1,15 +1,16 @@
 //! An unbiased path tracer over a [`Scene`]: the ground truth of this project.
 //!
-//! `L = L_e + ρ/π · E`, and the irradiance E of a point is estimated by a path: at every vertex shadow rays to each light,
-//! to one emissive triangle and to one direction of the sky map, then one cosine-weighted ray; emitters and sky map are
-//! weighted by the balance heuristic (Veach and Guibas 1995), Russian roulette ends dark paths. Every vertex is also connected
-//! with a point in parallel light, so that rooms lit through an opening have little noise. Rectangle lights are no geometry:
-//! only shadow rays, the camera and what mirrors or refracts see them. A medium between surfaces absorbs `1 − e^(−σ d)` of the
-//! light on each segment of d m, that to the camera included.
+//! `L = L_e + ρ/π · E`, and the irradiance E of a point is estimated by a path: at every vertex shadow rays to each
+//! light, to one emissive triangle and to one direction of the sky map, then one cosine-weighted ray; emitters and sky
+//! map are weighted by the balance heuristic (Veach and Guibas 1995), Russian roulette ends dark paths. Every vertex is
+//! also connected with a point in parallel light, so that rooms lit through an opening have little noise. Rectangle
+//! lights are no geometry: only shadow rays, the camera and what mirrors or refracts see them. A medium between
+//! surfaces absorbs `1 − e^(−σ d)` of the light on each segment of d m, that to the camera included.
 //!
-//! Where a surface mirrors or refracts, too ([`scene::kernel::specular`]), chance picks its diffuse part, what it mirrors or what goes
-//! through. A ray that is mirrored or refracted sees what shines as the camera does: no shadow ray finds that light. So the light
-//! that points, spots, luminaires and parallel lights send by way of a mirror or through glass is not found at all; photons find it.
+//! Where a surface mirrors or refracts, too ([`scene::kernel::specular`]), chance picks its diffuse part, what it
+//! mirrors or what goes through. A ray that is mirrored or refracted sees what shines as the camera does: no shadow ray
+//! finds that light. So the light that points, spots, luminaires and parallel lights send by way of a mirror or through
+//! glass is not found at all; photons find it.
 
 use std::f32::consts::{FRAC_1_PI, PI};
 use std::ops::ControlFlow;
@@ -33,7 +34,8 @@ use crate::sampler::Sampler;
 use crate::sky::SkyDistribution;
 use crate::sun::{LitPoint, SunGuide, training_path};
 
-/// How light of emissive triangles, of a sky map and of spots in parallel light is found. All agree in the mean; the others exist to show that.
+/// Sampling strategy for light of emissive triangles, of a sky map and of spots in parallel light. All agree in the
+/// mean; the others exist to show that. All agree in the mean; the others exist to show that.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Strategy {
     /// Shadow rays, connections with points in parallel light, and bounces, weighted.
@@ -45,15 +47,15 @@ pub enum Strategy {
     Bounces = 2,
 }
 
-/// What a path depends on, besides the scene.
+/// Inputs of a path, besides the scene.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct PathSettings {
     /// Changes every random number.
     pub seed: u32,
-    /// Greatest number of reflections and refractions between a light and the visible surface, which may be seen in a mirror; 0
-    /// leaves direct light only.
+    /// Greatest number of reflections and refractions between a light and the visible surface, which may be seen in a
+    /// mirror; 0 leaves direct light only.
     pub bounces: u32,
-    /// How emitters and sky map are sampled.
+    /// Sampling strategy for emitters and sky map.
     pub strategy: Strategy,
 }
 
@@ -84,7 +86,7 @@ const BAND_ROWS: usize = 4;
 /// Vertices before Russian roulette begins.
 const SURE_VERTICES: u32 = 2;
 /// Surfaces that a path meets at most: it may be caught between mirrors that take nothing of its light.
-const MOST_VERTICES: u32 = 1 << 12;
+const MAX_VERTICES: u32 = 1 << 12;
 /// Training paths that find out where parallel light matters.
 const TRAINING_PATHS: u32 = 1 << 16;
 /// Least and greatest number of points in parallel light that one sample of a whole picture shares.
@@ -100,7 +102,7 @@ pub struct PathTracer<'a> {
     sky: Option<SkyDistribution>,
 }
 
-/// What all paths of one sample of a picture share.
+/// Values shared by all paths of one sample of a picture.
 struct Shared<'g> {
     settings: PathSettings,
     sun: Option<(&'g SunGuide, Vec<LitPoint>)>,
@@ -113,22 +115,22 @@ struct Gathered {
     indirect: Vec3,
 }
 
-/// How a path goes on from what it met.
+/// Continuation of a path after a hit.
 struct Onward {
-    /// What light that comes that way is multiplied by: the share of the part that was picked over the chance to pick it.
+    /// Factor on light that comes that way: the share of the part that was picked over the chance to pick it.
     weight: Vec3,
-    /// The same for radiance alone, where it goes into another dielectric.
+    /// Factor on radiance alone, where it goes into another dielectric.
     radiance_ratio: f32,
     /// Origin and direction, or nothing where the diffuse part was picked.
     ray: Option<(Vec3, Vec3)>,
 }
 
-/// What a ray sees of a surface.
+/// Reflecting part of a surface as a ray sees it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Reflected {
     /// W/m²/sr, without emission.
     pub radiance: Vec3,
-    /// Whether it sees the back.
+    /// True if it sees the back.
     pub is_back: bool,
 }
 
@@ -146,9 +148,9 @@ impl<'a> PathTracer<'a> {
         Self { scene, geometry: scene.tables(), lights, emitter_density, sky: SkyDistribution::new(&lights) }
     }
 
-    /// Adds samples until every pixel has `target` of them, on all cores of the current rayon pool. Within each sample a
-    /// pixel, and after it, `progress(done, target)` may stop the work: the accumulation then holds whole samples and can
-    /// be continued. Returns whether the target is reached.
+    /// Adds samples until every pixel has `target` of them, on all cores of the current rayon pool. Within each sample
+    /// a pixel, and after it, `progress(done, target)` may stop the work: the accumulation then holds whole samples and
+    /// can be continued. Returns whether the target is reached.
     ///
     /// # Errors
     /// [`Error::AccumulationSize`] when the accumulation belongs to another picture size.
@@ -245,8 +247,8 @@ impl<'a> PathTracer<'a> {
             .collect()
     }
 
-    /// One sample of what the surface in a direction reflects towards a point, and whether its back is seen. `stream` numbers the
-    /// paths of a seed.
+    /// One sample of what the surface in a direction reflects towards a point, and whether its back is seen. `stream`
+    /// numbers the paths of a seed.
     pub fn reflected(&self, origin: Vec3, direction: Vec3, stream: u32, settings: &PathSettings) -> Reflected {
         let hit = self.scene.closest_before(origin, direction, FAR);
         if hit.is_miss() {
@@ -299,7 +301,7 @@ impl<'a> PathTracer<'a> {
         let mut origin = camera.eye;
         let mut found = Gathered::default();
         let mut throughput = Vec3::ONE;
-        for surface in 0..MOST_VERTICES {
+        for surface in 0..MAX_VERTICES {
             let (radiance, distance) = self.seen(origin, hit, direction);
             throughput *= self.scene.transmittance(distance);
             found.direct += throughput * radiance;
@@ -323,8 +325,8 @@ impl<'a> PathTracer<'a> {
         found
     }
 
-    /// Radiance of what shines first along a ray whose hit is known, W/m²/sr, and how far off that is, m: a rectangle light before the
-    /// hit, the sky, or the emission of what was met.
+    /// Radiance of what shines first along a ray whose hit is known, W/m²/sr, and how far off that is, m: a rectangle
+    /// light before the hit, the sky, or the emission of what was met.
     fn seen(&self, origin: Vec3, hit: Hit, direction: Vec3) -> (Vec3, f32) {
         let mut nearest = if hit.is_miss() { FAR } else { hit.t };
         let mut rect = None;
@@ -373,7 +375,7 @@ impl<'a> PathTracer<'a> {
         }
     }
 
-    /// What a ray through a random place of the pixel meets, and its unit direction.
+    /// Hit of a ray through a random place of the pixel, and its unit direction.
     fn camera_hit(&self, camera: &Camera, pixel: u32, sampler: &mut Sampler) -> (Hit, Vec3) {
         let (dx, dy) = sampler.next();
         let (x, y) = ((pixel % camera.width) as f32 + dx, (pixel / camera.width) as f32 + dy);
@@ -412,7 +414,7 @@ impl<'a> PathTracer<'a> {
             let mut is_straight = true;
             // Until chance picks the diffuse part of what the ray, mirrored and refracted on its way, meets.
             loop {
-                if hit.is_miss() || vertex == settings.bounces || vertex >= MOST_VERTICES {
+                if hit.is_miss() || vertex == settings.bounces || vertex >= MAX_VERTICES {
                     return gathered;
                 }
                 let onward = self.onward(hit, direction, sampler);
@@ -441,7 +443,8 @@ impl<'a> PathTracer<'a> {
         }
     }
 
-    /// E/π of light that parallel lights send to a point over one reflection, by a connection with one of the lit points.
+    /// E/π of light that parallel lights send to a point over one reflection, by a connection with one of the lit
+    /// points.
     #[inline]
     fn light_by_connection(&self, origin: Vec3, normal: Vec3, lit: &[LitPoint], sampler: &mut Sampler) -> Vec3 {
         let k = (sampler.next().0 * lit.len() as f32) as usize;

@@ -15,7 +15,7 @@ use crate::file::write_whole;
 
 pub use scene::{Picture, scale_to_stops, stops_to_scale};
 
-/// How numbers are stored in an EXR file.
+/// Precision of numbers in an EXR file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Precision {
     /// 16 bits: 11 bits of mantissa, at most 65504 (greater values are clamped).

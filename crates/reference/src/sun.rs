@@ -1,9 +1,9 @@
 //! Light that parallel lights send onto surfaces, as a table of lit points to connect path vertices with.
 //!
-//! A room lit through an opening has its indirect light from small bright spots that cosine-weighted rays seldom find. So
-//! points are picked on a plane across the light, followed to the first surface, and every path vertex is connected with one
-//! of them; the balance heuristic shares the work with the rays that find the spots by chance. Where on the plane to pick
-//! is learned from training paths.
+//! A room lit through an opening has its indirect light from small bright spots that cosine-weighted rays seldom find.
+//! So points are picked on a plane across the light, followed to the first surface, and every path vertex is connected
+//! with one of them; the balance heuristic shares the work with the rays that find the spots by chance. Where on the
+//! plane to pick is learned from training paths.
 
 use std::f32::consts::{FRAC_1_PI, PI};
 
@@ -36,7 +36,7 @@ pub(crate) struct LitPoint {
     pub(crate) density: f32,
 }
 
-/// Where a training path was in parallel light: which light, where, and how much it mattered.
+/// Hit of a training path in parallel light: which light, where, and how much it mattered.
 pub(crate) type SunHit = (usize, Vec3, f32);
 
 /// The distributions of all parallel lights.
@@ -53,7 +53,7 @@ struct Sun {
     /// Least coordinates along the axes and size of a cell, m.
     low: Vec2,
     cell: Vec2,
-    /// Where rays start along the direction of travel.
+    /// Start of rays along the direction of travel.
     start: f32,
     /// Cumulative probability of the cells, the last exactly 1.
     cumulative: Vec<f32>,

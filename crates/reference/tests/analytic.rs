@@ -16,8 +16,9 @@ fn deviations(picture: &Picture, expected: f32) -> (f32, f32) {
     (deviation(picture.mean()), picture.block_means(8).pixels.iter().map(|p| deviation(*p)).fold(0.0, f32::max))
 }
 
-/// Whether direct and indirect light in a furnace of reflectance `rho` agree with the closed forms for `expected`: means
-/// within 0.5 %, blocks of direct light within 0.5 %, of indirect light within their noise of 0.7 % (4 σ).
+/// Returns true if direct and indirect light in a furnace of reflectance `rho` agree with the closed forms for
+/// `expected`: means within 0.5 %, blocks of direct light within 0.5 %, of indirect light within their noise of 0.7 %
+/// (4 σ).
 fn is_furnace(rho: f32, expected: f32, strategy: Strategy) -> bool {
     let scene = furnace(rho);
     let a = trace(&scene, &camera(32, 24), PathSettings { strategy, ..PathSettings::default() }, 256);

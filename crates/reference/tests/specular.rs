@@ -7,7 +7,7 @@ use patchlight_reference::{PathSettings, PathTracer, PointIrradiance};
 use scene::{Camera, Error, Material, ReflectanceFault, Scene, SurfacePoint};
 use support::{Builder, camera, point, trace};
 
-/// Of glass.
+/// Refractive index of glass.
 const INDEX: f64 = 1.5;
 
 /// A surface without any diffuse part.
@@ -25,7 +25,8 @@ fn irradiance(scene: &Scene, points: &[SurfacePoint], samples: u32) -> Vec<Point
     PathTracer::new(scene).irradiance(points, samples, &PathSettings::default())
 }
 
-/// A room, 1 m wide, with a lamp and a board, whose side x = 0 is a mirror; or, in the place of the mirror, all of it once more.
+/// A room, 1 m wide, with a lamp and a board, whose side x = 0 is a mirror; or, in the place of the mirror, all of it
+/// once more.
 fn room_with_a_mirror(mirror: Option<f32>) -> Scene {
     let mut b = Builder::default();
     let white = b.material(Vec3::new(0.7, 0.6, 0.5), Vec3::ZERO);

@@ -1,5 +1,5 @@
-//! One method crate on a device: a low-rank operator by `multibounce`, its product by a recipe of `runtime`, no scene, no
-//! renderer. Prints the product by native code and, where there is a device, by Vulkan.
+//! One method crate on a device: a low-rank operator by `multibounce`, its product by a recipe of `runtime`, no scene,
+//! no renderer. Prints the product by native code and, where there is a device, by Vulkan.
 
 use std::error::Error;
 use std::ops::ControlFlow;

@@ -28,7 +28,7 @@ pub enum ExecutorError {
     /// A Vulkan device, in a program that was built without.
     #[error("{wanted} is a Vulkan device, and this program was built without the feature `vulkan`; choose the CPU")]
     WithoutVulkan {
-        /// What was asked for.
+        /// Requested device.
         wanted: String,
     },
     /// Main memory does not suffice.
@@ -60,7 +60,7 @@ pub enum ExecutorError {
 }
 
 impl ExecutorError {
-    /// Whether memory of the device, or main memory, does not suffice.
+    /// Returns true if memory of the device, or main memory, does not suffice.
     pub fn is_out_of_memory(&self) -> bool {
         match self {
             Self::OutOfMemory { .. } => true,
@@ -71,7 +71,7 @@ impl ExecutorError {
     }
 }
 
-/// What kind of machine runs the kernels, best first.
+/// Kind of machine that runs the kernels, best first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum DeviceKind {
     /// A graphics card with its own memory.
@@ -106,9 +106,10 @@ impl fmt::Display for DeviceKind {
 pub struct DeviceInfo {
     /// Name as the driver gives it.
     pub name: String,
-    /// What kind of machine it is.
+    /// Kind of machine.
     pub kind: DeviceKind,
-    /// Its number in the list of devices, for [`DeviceChoice::Index`]; `None` for native code and for a caller's device.
+    /// Its number in the list of devices, for [`DeviceChoice::Index`]; `None` for native code and for a caller's
+    /// device.
     pub index: Option<usize>,
     /// Name and version of the driver.
     pub driver: String,
@@ -120,17 +121,17 @@ pub struct DeviceInfo {
     pub max_storage_buffer_range: u64,
     /// Greatest width and height of a picture.
     pub max_image_edge: u32,
-    /// Whether pictures of texture blocks (BC1 to BC7) can be fetched from.
+    /// True if pictures of texture blocks (BC1 to BC7) can be fetched from.
     pub has_block_images: bool,
     /// Memory that a workgroup shares.
     pub shared_memory_bytes: u32,
     /// Invocations of a subgroup, 1 for native code.
     pub subgroup_size: u32,
-    /// Whether the device measures each pass itself; otherwise the host's clock does.
+    /// True if the device measures each pass itself; otherwise the host's clock does.
     pub has_timestamps: bool,
-    /// What the device lacks that every kernel needs; such a device is listed but not opened.
+    /// A missing feature that every kernel needs; such a device is listed but not opened.
     pub missing_feature: Option<&'static str>,
-    /// Whether the validation layer watches.
+    /// True if the validation layer watches.
     pub has_validation: bool,
 }
 
@@ -166,7 +167,7 @@ impl DeviceChoice {
         }
     }
 
-    /// Whether a Vulkan device answers to the choice.
+    /// Returns true if a Vulkan device answers to the choice.
     pub fn admits(&self, device: &DeviceInfo) -> bool {
         match self {
             Self::Auto => device.kind < DeviceKind::EmulatedOnCpu,
@@ -202,7 +203,7 @@ impl fmt::Display for DeviceChoice {
     }
 }
 
-/// How long a pass took.
+/// Time of a pass.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PassTime {
     /// Name of the pass.
@@ -214,13 +215,13 @@ pub struct PassTime {
 /// Submissions whose times are kept for a caller that does not ask; older ones are dropped.
 pub(crate) const KEPT_TIMES: usize = 64;
 
-/// Runs plans. Buffers stay on the device from frame to frame: load once, then for each frame upload what changed, set push
-/// constants, run, download what is wanted.
+/// Runs plans. Buffers stay on the device from frame to frame: load once, then for each frame upload what changed, set
+/// push constants, run, download what is wanted.
 ///
-/// Two ways to run: [`Executor::run_passes`] waits and gives times; [`Executor::submit_passes`] does not wait, so that the
-/// host prepares the next frame while the device is at work on this one. Native code does both at once.
+/// Two ways to run: [`Executor::run_passes`] waits and gives times; [`Executor::submit_passes`] does not wait, so that
+/// the host prepares the next frame while the device is at work on this one. Native code does both at once.
 pub trait Executor: Send {
-    /// What runs the kernels.
+    /// Device that runs the kernels.
     fn device(&self) -> &DeviceInfo;
 
     /// Makes the buffers of a plan, all zeros, and prepares its passes; the plan before it and its buffers go.
@@ -232,15 +233,16 @@ pub trait Executor: Send {
     /// The loaded plan.
     fn plan(&self) -> &Plan;
 
-    /// Puts bytes into a buffer from `offset` on; a picture takes all its bytes at once. Passes already submitted still see
-    /// the bytes before. Nothing is waited for, unless the staging memory of all submissions in flight is full: 16 MiB each.
+    /// Puts bytes into a buffer from `offset` on; a picture takes all its bytes at once. Passes already submitted still
+    /// see the bytes before. Nothing is waited for, unless the staging memory of all submissions in flight is full: 16
+    /// MiB each.
     ///
     /// # Errors
     /// Bytes that do not fit, a scratch buffer, an unknown buffer; what the device says.
     fn upload_at(&mut self, buffer: BufferId, offset: u64, bytes: &[u8]) -> Result<(), ExecutorError>;
 
-    /// Puts a table that never changes into a whole buffer. Executors that read main memory may keep it in place of a copy
-    /// until something is written to the buffer.
+    /// Puts a table that never changes into a whole buffer. Executors that read main memory may keep it in place of a
+    /// copy until something is written to the buffer.
     ///
     /// # Errors
     /// As [`Executor::upload_at`].
@@ -248,8 +250,8 @@ pub trait Executor: Send {
         self.upload_at(buffer, 0, table.bytes())
     }
 
-    /// Fills a buffer or a picture with zeros, in the order of the uploads. No bytes are transferred, but for pictures of
-    /// texture blocks.
+    /// Fills a buffer or a picture with zeros, in the order of the uploads. No bytes are transferred, but for pictures
+    /// of texture blocks.
     ///
     /// # Errors
     /// A scratch buffer, an unknown buffer; what the device says.
@@ -273,15 +275,15 @@ pub trait Executor: Send {
     /// A pass that reads what nothing was put into; what the device says.
     fn run_passes(&mut self, passes: &[PassId]) -> Result<Vec<PassTime>, ExecutorError>;
 
-    /// Submits the uploads so far and passes in the order given, after everything submitted before. Nothing is waited for,
-    /// unless as many submissions are in flight as the executor allows: then for the oldest one.
+    /// Submits the uploads so far and passes in the order given, after everything submitted before. Nothing is waited
+    /// for, unless as many submissions are in flight as the executor allows: then for the oldest one.
     ///
     /// # Errors
     /// As [`Executor::run_passes`].
     fn submit_passes(&mut self, passes: &[PassId]) -> Result<(), ExecutorError>;
 
-    /// Waits for everything submitted; gives the times of the submitted passes that finished since times were last asked
-    /// for, in their order. Empty on a Vulkan device without timestamps.
+    /// Waits for everything submitted; gives the times of the submitted passes that finished since times were last
+    /// asked for, in their order. Empty on a Vulkan device without timestamps.
     ///
     /// # Errors
     /// What the device says.

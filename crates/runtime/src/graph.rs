@@ -1,4 +1,4 @@
-//! What follows from a plan: which memory buffers share, where barriers stand, whether every read has something to read.
+//! Consequences of a plan: buffers that share memory, barriers, and a check that every read has a value.
 
 use std::fmt::Write as _;
 
@@ -18,7 +18,7 @@ pub struct Slot {
 pub struct Stage {
     /// Their name.
     pub name: String,
-    /// How many they are.
+    /// Number of passes.
     pub passes: usize,
     /// Numbers of the stages whose results it reads.
     pub reads: Vec<usize>,
@@ -77,7 +77,7 @@ impl Graph {
         &self.slots
     }
 
-    /// Where a buffer lies.
+    /// Slot of a buffer.
     pub fn slot_of(&self, buffer: BufferId) -> usize {
         self.slot_of[buffer.0]
     }
@@ -147,7 +147,8 @@ impl Graph {
     /// Checks that each pass of a run finds contents in what it reads, and notes what the run writes.
     ///
     /// # Errors
-    /// Unknown pass; a buffer that nothing was uploaded to and no earlier pass has written. Contents stay as they were noted.
+    /// Unknown pass; a buffer that nothing was uploaded to and no earlier pass has written. Contents stay as they were
+    /// noted.
     pub fn note_run(&mut self, passes: &[PassId]) -> Result<(), PlanError> {
         let mut written = self.written.clone();
         for id in passes {
@@ -174,8 +175,8 @@ impl Graph {
         Ok(())
     }
 
-    /// For each pass of a run whether it must wait for those before it: because it reads what they write, or writes what
-    /// they read or write. Passes without a barrier between them may overlap.
+    /// For each pass of a run whether it must wait for those before it: because it reads what they write, or writes
+    /// what they read or write. Passes without a barrier between them may overlap.
     pub fn barriers(&self, passes: &[PassId]) -> Vec<bool> {
         let mut open: Vec<(usize, Bound)> = Vec::new();
         passes
@@ -223,9 +224,9 @@ impl Graph {
         stages
     }
 
-    /// The frame graph in Graphviz' language: passes as boxes in their order, with the milliseconds that are known of all passes
-    /// of that name together, buffers as ellipses with size and lifetime, reads and writes as arrows, a dashed arrow where a
-    /// pass waits at a barrier.
+    /// The frame graph in Graphviz' language: passes as boxes in their order, with the milliseconds that are known of
+    /// all passes of that name together, buffers as ellipses with size and lifetime, reads and writes as arrows, a
+    /// dashed arrow where a pass waits at a barrier.
     pub fn graphviz(&self, milliseconds: impl Fn(&str) -> Option<f64>) -> String {
         let mut text = String::from("digraph frame {\n  rankdir = LR;\n  node [fontname = \"sans-serif\"];\n");
         let lifetimes = lifetimes(&self.plan);

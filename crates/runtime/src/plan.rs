@@ -1,15 +1,16 @@
 //! A frame as data: buffers, and passes that run kernels over them. No device is needed to make, check or print one.
 //!
-//! A pass says which ranges of which buffers its kernel's bindings get; what it reads and writes is what the kernel table
-//! says of those bindings. Passes run in the order in which they were added, so a plan has no cycles. [`crate::graph`]
-//! derives barriers and lifetimes.
+//! A pass says which ranges of which buffers its kernel's bindings get; what it reads and writes is what the kernel
+//! table says of those bindings. Passes run in the order in which they were added, so a plan has no cycles.
+//! [`crate::graph`] derives barriers and lifetimes.
 
 use std::fmt;
 
 use bytemuck::Pod;
 use gpu_kernels::table::{Access, Binding, BindingKind, ImageFormat, Kernel};
 
-/// Bytes by which ranges of a buffer must be aligned: the greatest `minStorageBufferOffsetAlignment` that Vulkan allows.
+/// Bytes by which ranges of a buffer must be aligned: the greatest `minStorageBufferOffsetAlignment` that Vulkan
+/// allows.
 pub const RANGE_ALIGNMENT: u64 = 256;
 
 /// A buffer of a plan.
@@ -20,15 +21,16 @@ pub struct BufferId(pub(crate) usize);
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct PassId(pub(crate) usize);
 
-/// What a buffer is for.
+/// Purpose of a buffer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum BufferKind {
     /// Keeps its contents from frame to frame; may be uploaded and downloaded.
     Storage,
-    /// Lives from its first to its last pass of a frame; its memory is shared with others. Neither uploaded nor downloaded.
+    /// Lives from its first to its last pass of a frame; its memory is shared with others. Neither uploaded nor
+    /// downloaded.
     Scratch,
-    /// A picture that kernels fetch from, rows of texels or of texture blocks from the top. Uploaded and downloaded as its
-    /// bytes.
+    /// A picture that kernels fetch from, rows of texels or of texture blocks from the top. Uploaded and downloaded as
+    /// its bytes.
     Image {
         /// Texel format.
         format: ImageFormat,
@@ -46,7 +48,7 @@ pub struct BufferSpec {
     pub name: String,
     /// Size. A storage buffer of 0 bytes is bound as one element of zeros.
     pub bytes: u64,
-    /// What it is for.
+    /// Purpose.
     pub kind: BufferKind,
 }
 
@@ -136,7 +138,7 @@ pub enum PlanError {
         pass: String,
         /// The binding.
         binding: &'static str,
-        /// What the kernel wants.
+        /// Type that the kernel expects.
         expected: &'static str,
         /// The buffer given.
         buffer: String,
@@ -209,7 +211,7 @@ pub enum PlanError {
         buffer: String,
         /// Its size.
         size: u64,
-        /// Where the bytes were to go.
+        /// Offset of the write.
         offset: u64,
         /// Number of bytes given.
         found: u64,
@@ -227,7 +229,7 @@ pub enum PlanError {
         what: &'static str,
         /// The id.
         index: usize,
-        /// How many there are.
+        /// Number of elements.
         count: usize,
     },
 }

@@ -1,9 +1,9 @@
-//! Runs plans on a Vulkan device: any driver of Vulkan 1.2 with rust-gpu's memory model, loaded when the program runs; or a
-//! device that the caller has already.
+//! Runs plans on a Vulkan device: any driver of Vulkan 1.2 with rust-gpu's memory model, loaded when the program runs;
+//! or a device that the caller has already.
 //!
 //! The one place with unsafe code. `device` makes or borrows instance and device, `features` says what they must offer,
-//! `buffer` owns memory, `pipeline` compiles rows of the kernel table, `sets` binds passes to buffers, `commands` records,
-//! `staging` collects uploads, `queue` submits, `recording` fills a caller's command buffer.
+//! `buffer` owns memory, `pipeline` compiles rows of the kernel table, `sets` binds passes to buffers, `commands`
+//! records, `staging` collects uploads, `queue` submits, `recording` fills a caller's command buffer.
 #![allow(unsafe_code)]
 
 mod buffer;
@@ -65,8 +65,8 @@ pub fn devices() -> Result<Vec<DeviceInfo>, Error> {
 
 /// Runs plans on a Vulkan device, its own or a caller's.
 pub struct Vulkan {
-    // Fields end from the first to the last. The queue waits for everything in flight before anything that it uses goes;
-    // each holds the device by an `Arc`, the last one frees it.
+    // Fields end from the first to the last. The queue waits for everything in flight before anything that it uses
+    // goes; each holds the device by an `Arc`, the last one frees it.
     queue: Queue,
     recordings: Recordings,
     sets: Option<Sets>,
@@ -77,7 +77,7 @@ pub struct Vulkan {
     graph: Graph,
     device: Arc<Device>,
     host_clock: bool,
-    /// What must outlive a borrowed device.
+    /// Owner that must outlive a borrowed device.
     owner: Option<Arc<dyn Any + Send + Sync>>,
 }
 
@@ -92,19 +92,19 @@ impl Vulkan {
         Self::with_device(Device::new(instance, candidate)?)
     }
 
-    /// Runs plans on a caller's device and queue. Memory, pipelines and all else that the executor makes on the device goes
-    /// with the executor, which waits for its own submissions only; instance, device and queue stay the caller's.
+    /// Runs plans on a caller's device and queue. Memory, pipelines and all else that the executor makes on the device
+    /// goes with the executor, which waits for its own submissions only; instance, device and queue stay the caller's.
     ///
-    /// The device must be made with [`FEATURES`] ([`enable_features`] fills the structures). What the validation layer says
-    /// goes to the caller's own messenger; [`Vulkan::messages`] stays empty.
+    /// The device must be made with [`FEATURES`] ([`enable_features`] fills the structures). What the validation layer
+    /// says goes to the caller's own messenger; [`Vulkan::messages`] stays empty.
     ///
     /// # Errors
-    /// A feature that the physical device lacks or that was not enabled, a queue family without compute: the error names it
-    /// and the remedy.
+    /// A feature that the physical device lacks or that was not enabled, a queue family without compute: the error
+    /// names it and the remedy.
     ///
     /// # Safety
-    /// - All handles are alive and belong together: the device was made from the physical device of the instance, the queue
-    ///   is the device's, of the family named. They outlive the executor.
+    /// - All handles are alive and belong together: the device was made from the physical device of the instance, the
+    ///   queue is the device's, of the family named. They outlive the executor.
     /// - The instance was made for [`API_VERSION`] or newer, the device with the features that `enabled` says.
     /// - While a method of the executor runs, and while it is dropped, no other thread uses the queue.
     pub unsafe fn borrow(caller: BorrowedDevice) -> Result<Self, Error> {
@@ -135,27 +135,27 @@ impl Vulkan {
         Ok(vulkan)
     }
 
-    /// The validation layer's messages. They outlive the executor, so that what is said while it ends can be read. A call
-    /// that finds messages takes them and fails with [`Error::Validation`].
+    /// The validation layer's messages. They outlive the executor, so that what is said while it ends can be read. A
+    /// call that finds messages takes them and fails with [`Error::Validation`].
     pub fn messages(&self) -> Messages {
         self.device.instance.messages.clone()
     }
 
-    /// Lets all buffers and pictures together take so many bytes, what is loaded already among them: a plan that needs more is
-    /// refused with [`Error::OutOfMemory`], as if the device had no more.
+    /// Lets all buffers and pictures together take so many bytes, what is loaded already among them: a plan that needs
+    /// more is refused with [`Error::OutOfMemory`], as if the device had no more.
     pub fn limit_memory(&mut self, bytes: u64) {
         self.device.memory_budget.store(bytes, Ordering::Relaxed);
     }
 
-    /// Times each pass of [`Executor::run_passes`] by the host's clock, with a submission of its own, as on devices without
-    /// timestamps.
+    /// Times each pass of [`Executor::run_passes`] by the host's clock, with a submission of its own, as on devices
+    /// without timestamps.
     pub fn use_host_clock(&mut self) {
         self.host_clock = true;
     }
 
     /// Waits for everything in flight; from now on `count` submissions (at least 1; 4 unless this is called) may be in
-    /// flight before [`Executor::submit_passes`] or an upload waits for the oldest one. Each takes 16 MiB of memory that the
-    /// host sees once it uploads.
+    /// flight before [`Executor::submit_passes`] or an upload waits for the oldest one. Each takes 16 MiB of memory
+    /// that the host sees once it uploads.
     ///
     /// # Errors
     /// What the device says.
@@ -164,11 +164,12 @@ impl Vulkan {
         self.device.check_messages()
     }
 
-    /// A storage buffer of the loaded plan, for the caller's own shaders on the same device; see [`BufferHandle`] for layout
-    /// and lifetime. `None` for pictures, scratch buffers and unknown buffers.
+    /// A storage buffer of the loaded plan, for the caller's own shaders on the same device; see [`BufferHandle`] for
+    /// layout and lifetime. `None` for pictures, scratch buffers and unknown buffers.
     ///
     /// Contents are those of the last submission: a command of the caller on the same queue sees them after a memory
-    /// barrier from `VK_PIPELINE_STAGE_ALL_COMMANDS_BIT` (recordings end with one), one on another queue after a semaphore.
+    /// barrier from `VK_PIPELINE_STAGE_ALL_COMMANDS_BIT` (recordings end with one), one on another queue after a
+    /// semaphore.
     pub fn buffer(&self, id: BufferId) -> Option<BufferHandle> {
         let spec = self.graph.plan().buffer(id).ok()?;
         if spec.kind != BufferKind::Storage {
@@ -293,7 +294,7 @@ impl Vulkan {
         outcome
     }
 
-    /// Where the next upload goes: to the command buffer that is being recorded, or to the next submission.
+    /// Staging memory of the next upload: to the command buffer that is being recorded, or to the next submission.
     fn staging(&mut self) -> Result<&mut Staging, Error> {
         match self.recordings.staging() {
             Some(staging) => Ok(staging),
@@ -359,8 +360,8 @@ impl Vulkan {
     fn submit(&mut self, passes: &[PassId], names: Vec<String>) -> Result<Ticket, Error> {
         let work = Work { graph: &self.graph, sets: self.sets.as_ref(), resources: &self.resources, passes };
         let is_timed = !names.is_empty();
-        // SAFETY: sets, pipelines, resources and staging memory go in `unload` and after the queue in `drop`, both of which
-        // wait first.
+        // SAFETY: sets, pipelines, resources and staging memory go in `unload` and after the queue in `drop`, both of
+        // which wait first.
         unsafe {
             self.queue.submit(names, |commands, staging, queries| {
                 work.record(commands, staging, is_timed.then_some(queries));
@@ -394,7 +395,8 @@ impl Vulkan {
             }
             let Some(to_host) = &self.to_host else { continue };
             let resources = &self.resources;
-            // SAFETY: the resources go in `unload` and, as the host's buffer, after the queue in `drop`; both wait first.
+            // SAFETY: the resources go in `unload` and, as the host's buffer, after the queue in `drop`; both wait
+            // first.
             let ticket = unsafe {
                 self.queue.submit(Vec::new(), |commands, staging, _| {
                     staging.record(commands, resources);

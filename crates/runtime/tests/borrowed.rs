@@ -37,7 +37,7 @@ fn load(executor: &mut dyn Executor) -> Scene {
     Scene { source: ids[0], exitance: ids[3], pass }
 }
 
-/// What a frame changes: the source of all elements, and how many elements are worked on.
+/// Changes of a frame: the source of all elements, and the number of elements worked on.
 #[derive(Clone, Copy)]
 struct Frame {
     source: f32,
@@ -74,8 +74,8 @@ fn borrow(caller: &Caller) -> Vulkan {
     unsafe { Vulkan::borrow(caller.lend()) }.expect("the device has all features")
 }
 
-/// Records each frame into a command buffer of the caller's, followed by a copy of the caller's own, and submits it with a
-/// fence of its own; two frames are in flight. Gives what the copies found.
+/// Records each frame into a command buffer of the caller's, followed by a copy of the caller's own, and submits it
+/// with a fence of its own; two frames are in flight. Gives what the copies found.
 fn record_frames(caller: &Caller, vulkan: &mut Vulkan, frames: &[Frame]) -> Vec<Vec<f32>> {
     let scene = load(vulkan);
     let handle = vulkan.buffer(scene.exitance).expect("a storage buffer");
@@ -88,8 +88,8 @@ fn record_frames(caller: &Caller, vulkan: &mut Vulkan, frames: &[Frame]) -> Vec<
         }
         let commands = caller.begin();
         let copy = caller.host_buffer(BYTES);
-        // SAFETY: the command buffer is the caller's, being recorded and submitted below to the same queue; the frame two
-        // before, of the same slot, is finished. The copy lies in both buffers.
+        // SAFETY: the command buffer is the caller's, being recorded and submitted below to the same queue; the frame
+        // two before, of the same slot, is finished. The copy lies in both buffers.
         unsafe { vulkan.begin_recording(commands, number % 2) }.expect("no other recording");
         set_frame(vulkan, &scene, frame);
         vulkan.submit_passes(&[scene.pass]).expect("the pass is recorded");

@@ -1,5 +1,5 @@
-//! Scalar maths of the host in double precision: the same bits on every host, with and without `std`. Square roots and rounding are
-//! the same anyhow.
+//! Scalar maths of the host in double precision: the same bits on every host, with and without `std`. Square roots and
+//! rounding are the same anyhow.
 
 /// (sin x, cos x), x in radians.
 #[inline]

@@ -1,4 +1,4 @@
-//! What can be wrong with a scene.
+//! Errors of scenes.
 
 /// Why a scene could not be made.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -27,13 +27,13 @@ pub enum Error {
     /// A part of a luminaire's distribution makes no sense.
     #[error("a light's distribution: {name} {index} is {value}, which must be {rule}")]
     Distribution {
-        /// What of it.
+        /// The part concerned.
         name: &'static str,
         /// Which, from 0.
         index: usize,
         /// Its value.
         value: f64,
-        /// What it must be.
+        /// Rule that it breaks.
         rule: &'static str,
     },
     /// A luminaire's distribution is not in the lighting's table.
@@ -41,7 +41,7 @@ pub enum Error {
     LightDistribution {
         /// The light.
         light: usize,
-        /// Where it looks for it.
+        /// First index.
         begin: u32,
         /// Length of the table.
         words: usize,
@@ -90,7 +90,7 @@ pub enum Error {
     Reflectance {
         /// The material.
         material: usize,
-        /// What it has.
+        /// Value found.
         found: ReflectanceFault,
     },
     /// The medium between surfaces gives light, or is no number.
@@ -138,7 +138,7 @@ pub enum Error {
     },
 }
 
-/// What is wrong with the optics of a material.
+/// Fault in the optics of a material.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum ReflectanceFault {
     /// A share is below 0, or no number.

@@ -29,7 +29,7 @@ pub use distribution::Distribution;
 #[cfg(feature = "std")]
 pub use file::{open_regular, read_regular};
 pub use geometry::{Geometry, Occluder, texel_count};
-pub use groups::MOST_EMITTER_GROUPS;
+pub use groups::MAX_EMITTER_GROUPS;
 pub use lighting::Lighting;
 pub use picture::{Picture, scale_to_stops, stops_to_scale};
 pub use pyramid::{Halver, Pyramid, half};

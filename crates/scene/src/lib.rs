@@ -3,10 +3,11 @@
 //! The types are `#[repr(C)]` and `Pod`: the same bytes lie in host memory and in storage buffers. The bodies in
 //! [`kernel`] are plain functions that run as SPIR-V and on the host alike: rays against the hierarchy with alpha masks
 //! ([`kernel::bvh`]), textures ([`kernel::texture`]), direct irradiance from parallel, point, spot, rectangle and mesh
-//! lights, measured luminaires and the sky ([`kernel::light`]), primary rays ([`kernel::camera`]), shading and tone mapping
-//! ([`kernel::shade`]). With the feature `alloc`, [`Geometry`] owns the tables that never change, builds the
+//! lights, measured luminaires and the sky ([`kernel::light`]), primary rays ([`kernel::camera`]), shading and tone
+//! mapping ([`kernel::shade`]). With the feature `alloc`, [`Geometry`] owns the tables that never change, builds the
 //! hierarchy and casts rays; [`Scene`] is geometry under a [`Lighting`], which may change in every frame.
-//! [`Scene::builder`] puts one together from meshes, materials, pictures and lights in radiometric or photometric units.
+//! [`Scene::builder`] puts one together from meshes, materials, pictures and lights in radiometric or photometric
+//! units.
 //!
 //! Units: metres; irradiance and exitance W/m², radiance W/m²/sr, linear Rec.709 RGB.
 //! Equations: `H_d = ∫ L_i cosθ dω`, `L_o = L_e + ρ/π (H_d + H)`.
@@ -34,8 +35,8 @@
 //! | `std`, by default | loops over all cores, hierarchies by obvhs, files |
 //! | `serde` | scenes, and plain data in general, in files |
 //!
-//! Triangles are numbered in the order of the hierarchy. Where those of both have to be the same, [`Scene::with_hierarchy`] takes one that is
-//! there.
+//! Triangles are numbered in the order of the hierarchy. Where those of both have to be the same,
+//! [`Scene::with_hierarchy`] takes one that is there.
 #![no_std]
 // The kernel build has `core` only.
 #[cfg(any(feature = "alloc", test))]
@@ -67,7 +68,7 @@ pub use units::{Flux, Intensity, Irradiance, Radiance, SurfaceLight};
 
 #[cfg(feature = "alloc")]
 pub use host::{
-    BuildError, Distribution, Geometry, LightId, Lighting, MOST_EMITTER_GROUPS, MaterialId, Mesh, MeshFault, MeshId,
+    BuildError, Distribution, Geometry, LightId, Lighting, MAX_EMITTER_GROUPS, MaterialId, Mesh, MeshFault, MeshId,
     Occluder, POINT_WALKS, Picture, ReceiverSet, SKY_BINS, Scene, SceneBuilder, SceneParts, SidePolicy, Sides,
     TextureId, find_lit_sides, find_sides, is_open, part_taken, scale_to_stops, sky_bin, sky_exitance, stops_to_scale,
 };
@@ -76,8 +77,8 @@ use glam::Vec3;
 
 /// Who sees whom. Methods take it instead of a scene, so that they run over any geometry.
 pub trait Visibility: Sync {
-    /// Whether something lies between two points, ends excluded.
+    /// Returns true if something lies between two points, ends excluded.
     fn any_hit(&self, origin: Vec3, target: Vec3) -> bool;
-    /// What a ray meets first.
+    /// The closest hit of a ray.
     fn closest(&self, origin: Vec3, direction: Vec3) -> Hit;
 }

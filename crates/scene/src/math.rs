@@ -53,7 +53,8 @@ pub fn ln(x: f32) -> f32 {
     libm::logf(x)
 }
 
-/// e^(−x) for x ≥ 0, within 2·10⁻⁷ of it and 10⁻⁵ of small ones (relative), the same bits on CPU and GPU; 1 at 0, and 0 from 87 on.
+/// e^(−x) for x ≥ 0, within 2·10⁻⁷ of it and 10⁻⁵ of small ones (relative), the same bits on CPU and GPU; 1 at 0, and 0
+/// from 87 on.
 #[inline]
 pub fn exp_minus(x: f32) -> f32 {
     if x >= 87.0 {
@@ -88,7 +89,8 @@ pub fn sin_cos_2pi(x: f32) -> (f32, f32) {
     }
 }
 
-/// Arc tangent of a in [0, 1], within 3·10⁻⁷: two half-angle steps bring the argument below 0.2, where the series converges.
+/// Arc tangent of a in [0, 1], within 3·10⁻⁷: two half-angle steps bring the argument below 0.2, where the series
+/// converges.
 #[inline]
 fn atan_unit(a: f32) -> f32 {
     let b = a / (1.0 + sqrt(1.0 + a * a));

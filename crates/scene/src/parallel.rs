@@ -1,5 +1,5 @@
-//! Loops of the host: rayon's over all cores with the feature `std`, the same names one after the other without it. What a loop
-//! gives does not depend on which.
+//! Loops of the host: rayon's over all cores with the feature `std`, the same names one after the other without it.
+//! What a loop gives does not depend on which.
 
 pub use p3_maybe_rayon::PARALLEL_ENABLED;
 pub use p3_maybe_rayon::prelude::*;
@@ -12,7 +12,7 @@ pub trait SerialIterator: Iterator + Sized {
         self.find(is_wanted)
     }
 
-    /// What is made of the first value of which anything is.
+    /// The first value for which `make` returns something.
     fn find_map_first<T>(mut self, make: impl Fn(Self::Item) -> Option<T>) -> Option<T> {
         self.find_map(make)
     }

@@ -30,7 +30,8 @@ pub fn radical_inverse(x: u32) -> u32 {
     x.reverse_bits()
 }
 
-/// Point `k` of an n-point Hammersley set, shifted on the torus by the two words of `shift` (Cranley and Patterson 1976).
+/// Point `k` of an n-point Hammersley set, shifted on the torus by the two words of `shift` (Cranley and Patterson
+/// 1976).
 #[inline]
 pub fn hammersley(k: u32, n: u32, shift: (u32, u32)) -> (f32, f32) {
     let x = (k as f32 + 0.5) / n as f32 + unit(shift.0);
@@ -62,8 +63,8 @@ pub fn wide_product(x: u32, n: u32) -> (u32, u32) {
     (a * c + (middle >> 16) + (other >> 16), other << 16 | (low & 0xffff))
 }
 
-/// The same as [`sobol2`] in five steps: the matrix of the second dimension is Pascal's triangle modulo 2, a sum over the
-/// supersets of each bit position.
+/// [`sobol2`] in five steps: the matrix of the second dimension is Pascal's triangle modulo 2, a sum over the supersets
+/// of each bit position.
 #[inline]
 pub fn sobol2_fast(k: u32) -> (u32, u32) {
     let mut y = k;
@@ -75,8 +76,9 @@ pub fn sobol2_fast(k: u32) -> (u32, u32) {
     (k.reverse_bits(), y.reverse_bits())
 }
 
-/// Nested uniform scrambling of a fixed-point number (Owen 1995): every bit is flipped by a hash of the bits above it (Laine
-/// and Karras 2011, constants of Vegdahl 2021). Of an index it is a shuffle that keeps blocks of every power of two together.
+/// Nested uniform scrambling of a fixed-point number (Owen 1995): every bit is flipped by a hash of the bits above it
+/// (Laine and Karras 2011, constants of Vegdahl 2021). Of an index it is a shuffle that keeps blocks of every power of
+/// two together.
 #[inline]
 pub fn owen_scramble(x: u32, seed: u32) -> u32 {
     let mut x = x.reverse_bits();

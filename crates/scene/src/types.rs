@@ -41,8 +41,9 @@ pub struct TriangleUv {
 }
 const _: () = assert!(size_of::<TriangleUv>() == 24);
 
-/// Node of the binary hierarchy, the same bytes as obvhs' small node. `prim_count == 0`: an inner node with the children
-/// `first_index` and `first_index + 1`; otherwise a leaf with the triangles `first_index .. first_index + prim_count`.
+/// Node of the binary hierarchy, the same bytes as obvhs' small node. `prim_count == 0`: an inner node with the
+/// children `first_index` and `first_index + 1`; otherwise a leaf with the triangles `first_index .. first_index +
+/// prim_count`.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct BvhNode {
@@ -57,9 +58,9 @@ pub struct BvhNode {
 }
 const _: () = assert!(size_of::<BvhNode>() == 32);
 
-/// A two-sided surface, that may shine from its front face: a mixture of Lambert reflection, a mirror, and the smooth boundary of a
-/// clear dielectric, which mirrors and refracts as Fresnel and Snell say ([`crate::kernel::specular`]). In each channel the three
-/// shares are 1 at most together; what is left is absorbed.
+/// A two-sided surface, that may shine from its front face: a mixture of Lambert reflection, a mirror, and the smooth
+/// boundary of a clear dielectric, which mirrors and refracts as Fresnel and Snell say ([`crate::kernel::specular`]).
+/// In each channel the three shares are 1 at most together; what is left is absorbed.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 pub struct Material {
@@ -75,7 +76,8 @@ pub struct Material {
     pub mirror: Vec3,
     /// Texture whose alpha decides what is a hole, or [`NONE`].
     pub mask_texture: u32,
-    /// Share of the light that meets a clear dielectric: of it Fresnel's reflectance is mirrored, the rest goes through.
+    /// Share of the light that meets a clear dielectric: of it Fresnel's reflectance is mirrored, the rest goes
+    /// through.
     pub transmittance: Vec3,
     /// Alpha below this is a hole.
     pub mask_cutoff: f32,
@@ -89,18 +91,19 @@ pub struct Material {
 const _: () = assert!(size_of::<Material>() == 80);
 
 impl Material {
-    /// A surface that reflects light evenly in all directions: the share of each channel, linear Rec.709 RGB, 0 to 0.95.
+    /// A surface that reflects light evenly in all directions: the share of each channel, linear Rec.709 RGB, 0 to
+    /// 0.95.
     pub fn diffuse(albedo: Vec3) -> Self {
         Self { albedo, ..Self::default() }
     }
 
-    /// The same surface, shining from its front face.
+    /// Copy that shines from its front face.
     #[must_use]
     pub fn with_emission(self, radiance: Radiance) -> Self {
         Self { radiance: radiance.0, ..self }
     }
 
-    /// Whether the surface mirrors light or lets it through.
+    /// Returns true if the surface mirrors light or lets it through.
     #[inline]
     pub fn is_specular(&self) -> bool {
         self.mirror != Vec3::ZERO || self.transmittance != Vec3::ZERO
@@ -141,23 +144,25 @@ pub struct Texture {
 }
 const _: () = assert!(size_of::<Texture>() == 16);
 
-/// Lumens of a watt of equal-energy white: the luminous efficacy by which radiometric and photometric quantities are converted,
-/// `Φ_v = 179 lm/W · luminance(Φ_e)` (Ward 1994).
+/// Lumens of a watt of equal-energy white: the luminous efficacy by which radiometric and photometric quantities are
+/// converted, `Φ_v = 179 lm/W · luminance(Φ_e)` (Ward 1994).
 pub const LUMENS_PER_WATT: f32 = 179.0;
 
-/// [`Light::kind`]: parallel light; `direction` is that of travel, `color` the irradiance on a surface that faces it, W/m².
+/// [`Light::kind`]: parallel light; `direction` is that of travel, `color` the irradiance on a surface that faces it,
+/// W/m².
 pub const LIGHT_DIRECTIONAL: u32 = 0;
 /// [`Light::kind`]: `color` is the intensity, W/sr.
 pub const LIGHT_POINT: u32 = 1;
 /// [`Light::kind`]: a point light that fades smoothly from `cos_inner` to `cos_outer` round `direction`.
 pub const LIGHT_SPOT: u32 = 2;
-/// [`Light::kind`]: a parallelogram from `position` along `edge_a` and `edge_b`; `color` is the radiance, W/m²/sr, sent to
-/// the side of `edge_a × edge_b`. It hides nothing and reflects nothing.
+/// [`Light::kind`]: a parallelogram from `position` along `edge_a` and `edge_b`; `color` is the radiance, W/m²/sr, sent
+/// to the side of `edge_a × edge_b`. It hides nothing and reflects nothing.
 pub const LIGHT_RECT: u32 = 3;
-/// [`Light::kind`]: a point whose intensity depends on the direction, as measured of a luminaire: `color` is the mean intensity
-/// over all directions, W/sr, that is its power over 4π; the entry of [`crate::Lighting::distributions`] from `distribution` on
-/// multiplies it. `direction` is that of γ = 0 (downwards of a lamp on a ceiling), `edge_a` the unit vector across it along which
-/// the half-plane C = 0 lies; that of C = 90° lies along `edge_a × direction` (CIE 121, IES LM-63 type C).
+/// [`Light::kind`]: a point whose intensity depends on the direction, as measured of a luminaire: `color` is the mean
+/// intensity over all directions, W/sr, that is its power over 4π; the entry of [`crate::Lighting::distributions`] from
+/// `distribution` on multiplies it. `direction` is that of γ = 0 (downwards of a lamp on a ceiling), `edge_a` the unit
+/// vector across it along which the half-plane C = 0 lies; that of C = 90° lies along `edge_a × direction` (CIE 121,
+/// IES LM-63 type C).
 pub const LIGHT_LUMINAIRE: u32 = 4;
 
 /// A light that is not part of the geometry, so that it can move in every frame. [`Light::sun`], [`Light::point`],
@@ -183,7 +188,7 @@ pub struct Light {
     pub area: f32,
     /// Second side of the rectangle, m.
     pub edge_b: Vec3,
-    /// Where the distribution of a luminaire begins in [`crate::Lighting::distributions`].
+    /// Start of a luminaire's distribution in [`crate::Lighting::distributions`].
     pub distribution: u32,
 }
 const _: () = assert!(size_of::<Light>() == 80);
@@ -200,8 +205,8 @@ impl Light {
         Self { kind: LIGHT_POINT, position, color: intensity.into().0, ..Self::default() }
     }
 
-    /// A point, m, that shines round `direction`: with all of its intensity up to the half-angle `inner`, fading to none at
-    /// `outer`, radians.
+    /// A point, m, that shines round `direction`: with all of its intensity up to the half-angle `inner`, fading to
+    /// none at `outer`, radians.
     pub fn spot(position: Vec3, direction: Vec3, (inner, outer): (f32, f32), intensity: Intensity) -> Self {
         Self {
             kind: LIGHT_SPOT,
@@ -247,7 +252,8 @@ pub struct Emitter {
 const _: () = assert!(size_of::<Emitter>() == 16);
 
 /// Near emissive triangles as one, seen from afar: their power by direction ω from them is about
-/// `Σ A L max(0, n·ω) ≈ 3/32 Σ A L + ½ ω·Σ A L n + 15/32 ω·(Σ A L n nᵀ) ω`, the first three bands of spherical harmonics of each.
+/// `Σ A L max(0, n·ω) ≈ 3/32 Σ A L + ½ ω·Σ A L n + 15/32 ω·(Σ A L n nᵀ) ω`, the first three bands of spherical
+/// harmonics of each.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct EmitterGroup {
@@ -303,8 +309,8 @@ pub struct Camera {
     pub height: u32,
     /// Half the picture's width at unit distance.
     pub right: Vec3,
-    /// Sub-frames of a picture whose positions are the same in every pixel and frame, the seed of each its number; 0 for
-    /// positions that follow from the seed.
+    /// Sub-frames of a picture whose positions are the same in every pixel and frame, the seed of each its number; 0
+    /// for positions that follow from the seed.
     pub fixed_sub_frames: u32,
     /// Half the picture's height at unit distance.
     pub up: Vec3,
@@ -328,7 +334,7 @@ pub struct Ray {
 }
 const _: () = assert!(size_of::<Ray>() == 32);
 
-/// What a ray meets first: the point `corner + u·edge_a + v·edge_b` of `triangle` at distance `t`.
+/// The closest hit of a ray: the point `corner + u·edge_a + v·edge_b` of `triangle` at distance `t`.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 pub struct Hit {
@@ -347,19 +353,18 @@ impl Hit {
     /// A ray that meets nothing.
     pub const MISS: Self = Self { triangle: NONE, u: 0.0, v: 0.0, t: f32::INFINITY };
 
-    /// Whether nothing was met.
+    /// Returns true if nothing was met.
     #[inline]
     pub fn is_miss(&self) -> bool {
         self.triangle == NONE
     }
 }
 
-/// What the ray of a pixel has been through at mirrors and clear glass, up to the surface whose diffuse part it shows; none of both
-/// where it meets that first.
+/// Specular path of a pixel's ray, up to the surface whose diffuse part it shows; identity if the first hit is diffuse.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct SpecularChain {
-    /// What light of that surface is multiplied by on its way to the pixel; 0 where there is none.
+    /// Factor on that surface's light on its way to the pixel; 0 where there is none.
     pub through: Vec3,
     /// Specular surfaces that were met.
     pub surfaces: u32,

@@ -42,12 +42,12 @@ impl From<Flux> for Intensity {
     }
 }
 
-/// What a surface sends: its radiance, or the flux of all of it.
+/// Emission of a surface: its radiance, or its total flux.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum SurfaceLight {
     /// In every direction.
     Radiance(Radiance),
-    /// Of one side.
+    /// Flux of one side.
     Flux(Flux),
 }
 

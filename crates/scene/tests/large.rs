@@ -3,7 +3,7 @@
 use std::f32::consts::PI;
 
 use glam::{Vec2, Vec3};
-use patchlight_scene::kernel::large::{MOST_EXACT_EMITTERS, group_irradiance, polygon_irradiance};
+use patchlight_scene::kernel::large::{MAX_EXACT_EMITTERS, group_irradiance, polygon_irradiance};
 use patchlight_scene::math::{atan2, sin_cos_2pi};
 use patchlight_scene::*;
 
@@ -12,15 +12,16 @@ fn rectangle(corner: Vec3, edge_a: Vec3, edge_b: Vec3, normal: Vec3) -> f32 {
     polygon_irradiance(false, corner, edge_a, edge_b, Vec3::ZERO, normal)
 }
 
-/// π times the form factor from a point to a rectangle a × b that is parallel, `height` above, with a corner over the point
-/// (Howell's catalogue, B-3).
+/// π times the form factor from a point to a rectangle a × b that is parallel, `height` above, with a corner over the
+/// point (Howell's catalogue, B-3).
 fn parallel(a: f32, b: f32, height: f32) -> f32 {
     let (x, y) = (a / height, b / height);
     let (rx, ry) = ((1.0 + x * x).sqrt(), (1.0 + y * y).sqrt());
     0.5 * (x / rx * atan2(y, rx) + y / ry * atan2(x, ry))
 }
 
-/// The same to one that stands on the point's plane, `distance` away, `width` to one side of the point (B-4).
+/// Form factor to a rectangle that stands on the point's plane, `distance` away, `width` to one side of the point
+/// (B-4).
 fn standing(width: f32, height: f32, distance: f32) -> f32 {
     let far = (distance * distance + height * height).sqrt();
     0.5 * (atan2(width, distance) - distance / far * atan2(width, far))
@@ -122,8 +123,8 @@ fn both(scene: &Scene, origin: Vec3, normal: Vec3) -> (f32, f32) {
 #[test]
 fn groups_of_emitters_shine_as_their_triangles_do() {
     for (name, scene) in [("ball", ball()), ("panel", panel())] {
-        assert!(scene.emitters.len() > MOST_EXACT_EMITTERS as usize);
-        assert!((2..=MOST_EMITTER_GROUPS).contains(&scene.emitter_groups.len()));
+        assert!(scene.emitters.len() > MAX_EXACT_EMITTERS as usize);
+        assert!((2..=MAX_EMITTER_GROUPS).contains(&scene.emitter_groups.len()));
         for direction in [Vec3::NEG_Y, Vec3::new(0.6, -0.8, 0.0), Vec3::new(-0.48, -0.6, 0.64)] {
             for distance in [2.5, 5.0, 50.0] {
                 let (found, expected) = both(&scene, direction * distance, -direction);
@@ -137,6 +138,6 @@ fn groups_of_emitters_shine_as_their_triangles_do() {
     let (found, _) = both(&ball(), Vec3::NEG_Y * 5.0, Vec3::Y);
     let (_, expected) = both(&panel(), Vec3::NEG_Y * 5.0, Vec3::Y);
     assert!((found / expected - 1.0).abs() > 0.5);
-    let few = ball().geometry.triangles[..MOST_EXACT_EMITTERS as usize].to_vec();
+    let few = ball().geometry.triangles[..MAX_EXACT_EMITTERS as usize].to_vec();
     assert!(emitters(few).emitter_groups.is_empty());
 }

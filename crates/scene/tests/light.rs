@@ -273,8 +273,7 @@ fn lighting_of_another_scene_is_an_error() {
     assert_eq!(scene.lighting, before);
 }
 
-/// What kernels of direct light find through a medium at a point over a floor: at samples, at pixels of points and suns, and of
-/// areas.
+/// Direct light through a medium at a point over a floor: at samples, at pixels of points and suns, and of areas.
 fn through(scene: &Scene, medium: impl Medium, point: SurfacePoint) -> [Vec4; 4] {
     let p = DirectParams {
         count: 1,

@@ -28,7 +28,7 @@ fn soup(count: u32) -> SceneParts {
     SceneParts { triangles, uvs, materials: vec![Material::default()], ..SceneParts::default() }
 }
 
-/// The same with a picture that has one texel opaque and one not: its left half is a hole.
+/// Scene with a picture that has one texel opaque and one not: its left half is a hole.
 fn with_holes(count: u32) -> SceneParts {
     let mut parts = soup(count);
     parts.textures = vec![Texture { offset: 0, width: 2, height: 1, levels: 1 }];
@@ -106,8 +106,8 @@ fn rays_pass_holes() {
     assert!(passed > 200, "{passed}");
 }
 
-/// Rays in the plane of a face of a triangle's box touch its edge there, and pass beside the box: that it is asked first changes no
-/// answer.
+/// Rays in the plane of a face of a triangle's box touch its edge there, and pass beside the box: that it is asked
+/// first changes no answer.
 #[test]
 fn a_last_occluder_that_is_only_touched_changes_no_answer() {
     let mut parts = soup(100);
@@ -139,8 +139,8 @@ fn a_last_occluder_that_is_only_touched_changes_no_answer() {
     assert!((2_000..18_000).contains(&stopped) && disputed > 1_000, "{stopped} {disputed}");
 }
 
-/// Rays to one lamp from places that follow each other: what was in the way of the last changes no answer, through holes
-/// and with what another scene left behind neither.
+/// Rays to one lamp from places that follow each other: what was in the way of the last changes no answer, through
+/// holes and with what another scene left behind neither.
 #[test]
 fn the_last_occluder_changes_no_answer() {
     let (masked, solid) = (Scene::new(with_holes(200)).unwrap(), Scene::new(soup(100)).unwrap());

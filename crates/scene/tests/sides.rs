@@ -1,4 +1,4 @@
-//! Where light comes: small lamps light whole rooms, closed spaces stay dark.
+//! Reachability of light: small lamps light whole rooms, closed spaces stay dark.
 
 use glam::{Vec3, vec3};
 use patchlight_scene::sampling::{hash3, unit};
@@ -82,7 +82,7 @@ fn walks_go_through_glass_and_not_through_mirrors() {
     assert_eq!(of(Material { mirror: Vec3::ONE, ..black }), 0.0);
 }
 
-/// Whether a corner is one of the room's.
+/// Returns true if a corner is one of the room's.
 fn is_outside(corner: Vec3) -> bool {
     corner.x.abs() == 2.0 && corner.z.abs() == 2.0
 }

@@ -1,4 +1,5 @@
-//! Light jumps, then rests: how far it is from its end, and how much it still changes, with and without the control variate.
+//! Light jumps, then rests: how far it is from its end, and how much it still changes, with and without the control
+//! variate.
 
 use glam::Vec4;
 use patchlight_temporal::{Blend, Error, RayLists, Settings, State};

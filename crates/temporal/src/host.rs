@@ -4,7 +4,7 @@ mod frame;
 mod lists;
 mod tables;
 
-pub use frame::{Blend, Distribution, MOST_SAMPLES, Settings, State, change_all};
+pub use frame::{Blend, Distribution, MAX_SAMPLES, Settings, State, change_all};
 pub use lists::{RayLists, sample_lists_all, sum_lists_all};
 pub use tables::{AliasTables, Packing, TableColumns, pack_all, sample_tables_all, scan_all, sum_tables_all};
 

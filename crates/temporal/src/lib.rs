@@ -2,23 +2,25 @@
 //! Radiosity by a few samples a row and frame, averaged over frames.
 //!
 //! A row of form factors is a distribution: `H_i = Σ_j F_ij B_j = S_i E[B_j]` where j is drawn with the probability
-//! `F_ij / S_i` and `S_i` is the sum of the row. Each frame takes Q samples of each row, so it costs `N · Q` instead of N²,
-//! `Ĥ_i = S_i / Q Σ_k B_j(k)`, and averages over frames: `H ← w H + (1 − w) Ĥ`. All bounces come from feedback: what
-//! is sampled is `B = E + ρ∘H` with the H of the frame before. H and B are W/m².
+//! `F_ij / S_i` and `S_i` is the sum of the row. Each frame takes Q samples of each row, so it costs `N · Q` instead of
+//! N², `Ĥ_i = S_i / Q Σ_k B_j(k)`, and averages over frames: `H ← w H + (1 − w) Ĥ`. All bounces come from feedback:
+//! what is sampled is `B = E + ρ∘H` with the H of the frame before. H and B are W/m².
 //!
 //! [`RayLists`] keep what the rays of a row hit: a uniform index into the list samples the row, 2 bytes an entry.
 //! [`AliasTables`] sample any row in constant time (Walker 1977, Vose 1991), 6 bytes an entry that is not zero, 8 with
 //! colours. Both are built on all cores; tables also by kernels ([`kernel::split`], after Lehmann et al. 2021).
 //!
 //! [`Settings`] choose what a frame does, each by itself:
-//! - `control_variate` samples only what has changed, `H ← H + F̂ (B_t − B_{t−1})`, so still light has no noise at all. A share of the
-//!   rows is summed exactly in each frame, one share after another, so that errors of the increments do not pile up.
+//! - `control_variate` samples only what has changed, `H ← H + F̂ (B_t − B_{t−1})`, so still light has no noise at all.
+//!   A share of the rows is summed exactly in each frame, one share after another, so that errors of the increments do
+//!   not pile up.
 //! - `blend` is w, or follows from the variance of the samples and from how fast the light changes: it falls to 0 where
 //!   the light jumps.
-//! - `rotated` takes the points of a lattice, shifted by one random number a row and by the golden section from frame to frame.
+//! - `rotated` takes the points of a lattice, shifted by one random number a row and by the golden section from frame
+//!   to frame.
 //!
-//! Random numbers are hashes of (row, sample, frame, seed): the same on CPU and GPU, for any number of threads. The bodies
-//! in [`kernel`] need no `std`.
+//! Random numbers are hashes of (row, sample, frame, seed): the same on CPU and GPU, for any number of threads. The
+//! bodies in [`kernel`] need no `std`.
 //!
 //! ```
 //! use glam::Vec4;
@@ -37,7 +39,8 @@
 //! # Ok::<(), patchlight_temporal::Error>(())
 //! ```
 //!
-//! Source: A. S. Shcherbakov, thesis, MSU 2025, chapter 6; lists, control variate and choice of w are this project's own.
+//! Source: A. S. Shcherbakov, thesis, MSU 2025, chapter 6; lists, control variate and choice of w are this project's
+//! own.
 //!
 //! | feature | what it adds |
 //! |---|---|

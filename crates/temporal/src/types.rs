@@ -25,7 +25,8 @@ pub struct SampleParams {
 }
 const _: () = assert!(size_of::<SampleParams>() == 32);
 
-/// Settings of the kernels that sum some rows exactly: `count` rows of a block from `first` on, after the last the first.
+/// Settings of the kernels that sum some rows exactly: `count` rows of a block from `first` on, after the last the
+/// first.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
 pub struct SumParams {

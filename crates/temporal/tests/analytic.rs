@@ -59,8 +59,8 @@ fn tables_by_hand() {
         let tables = AliasTables::from_rows(9, &[0, 3], &[2, 5, 7], &[1.0, 0.25, 0.75], packing).unwrap();
         assert_eq!(tables.sums(), [2.0]);
         assert_eq!(tables.weights(0), [98_304, 24_576, 73_728]);
-        // The light one keeps 24,576 parts and takes the rest from the first heavy one, which is then left with 57,344 and
-        // takes from the other.
+        // The light one keeps 24,576 parts and takes the rest from the first heavy one, which is then left with 57,344
+        // and takes from the other.
         assert_eq!(tables.slots(), [57_344 << 16 | 2, 24_576 << 16, 0xffff_0002], "{packing:?}");
         assert_eq!(tables.words(), [5 << 16 | 2, 7]);
         let first = |x: u32| draw(x, 0, 3, tables.slots());
@@ -164,7 +164,8 @@ fn colours_keep_luminance_and_the_rows_channels() {
                 let mut found = [Vec4::ZERO; 2];
                 tables.apply(&light, &mut found).unwrap();
                 let error = (found[i].truncate() - *expected).abs().max_element();
-                // The greatest step, at a blue of 13.85 for a luminance of 1, is 0.11; as much may come from the entry before.
+                // The greatest step, at a blue of 13.85 for a luminance of 1, is 0.11; as much may come from the entry
+                // before.
                 assert!(error <= 0.22 * luminance(*expected) + 2e-4, "{i} {j}: {} for {expected}", found[i]);
             }
         }

@@ -93,9 +93,9 @@ fn scores(rows: &dyn Distribution, light: &[Vec4], expected: &[Vec4], rotated: b
     scores
 }
 
-/// Whether scores are those of a normal distribution. Their squares sum up to a chi-square: n on average, √(6 n) its deviation at most, the
-/// three channels of a row going together. 0.27 % of single scores exceed 3: of 550 none to five do with
-/// a probability of 99.5 %, and none exceeds 5.
+/// Returns true if scores are those of a normal distribution. Their squares sum up to a chi-square: n on average, √(6
+/// n) its deviation at most, the three channels of a row going together. 0.27 % of single scores exceed 3: of 550 none
+/// to five do with a probability of 99.5 %, and none exceeds 5.
 fn unbiased(scores: &[f64]) -> bool {
     let n = scores.len() as f64;
     let squares: f64 = scores.iter().map(|z| z * z).sum();

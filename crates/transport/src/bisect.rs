@@ -12,7 +12,7 @@ use scene::parallel::*;
 /// A part of a bisected list.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Part<V> {
-    /// Where it lies in the list.
+    /// Range in the list.
     pub range: Range<usize>,
     /// Number of the first of the two parts that it is cut into, the other one follows; `None` for
     /// a leaf.

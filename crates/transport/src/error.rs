@@ -1,4 +1,4 @@
-//! What can be wrong with tables, settings and long work in any method.
+//! Errors of tables, settings and long work in any method.
 
 /// Why something was refused. Variants name the table or setting, the place in it, and the value.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -20,7 +20,7 @@ pub enum Error {
         name: &'static str,
         /// The value given.
         value: f64,
-        /// What it must be.
+        /// Rule that it breaks.
         rule: &'static str,
     },
     /// A value of a table is not a number that can stand there.
@@ -32,17 +32,17 @@ pub enum Error {
         index: usize,
         /// Its value.
         value: f64,
-        /// What it must be.
+        /// Rule that it breaks.
         rule: &'static str,
     },
     /// More of something than can be numbered or held.
     #[error("{name}: {found}; at most {limit} are possible")]
     TooMany {
-        /// What there is too much of.
+        /// Name of the counted things.
         name: &'static str,
-        /// How many there would be.
+        /// Number found.
         found: u64,
-        /// How many there may be.
+        /// Greatest number allowed.
         limit: u64,
     },
     /// A polygon has too few or too many corners.
@@ -58,7 +58,7 @@ pub enum Error {
     PolygonShape {
         /// The corner at which it shows.
         corner: usize,
-        /// What is wrong.
+        /// Description of the fault.
         reason: &'static str,
     },
     /// The observer or progress callback asked to stop.

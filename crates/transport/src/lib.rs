@@ -1,5 +1,5 @@
 #![no_std]
-//! What every method of light transport stands on.
+//! Foundations of every method of light transport.
 //!
 //! Radiosity is linear: irradiance `H = F B` from exitance B, both in W/m², by a matrix F of form
 //! factors or of whole paths of light. The methods differ in how they make, store and apply that
@@ -16,8 +16,8 @@
 //! - [`Observer`], by which long work tells how far it is and asks whether to go on;
 //! - [`Error`], what can be wrong with tables and settings in any method.
 //!
-//! The bodies in [`kernel`] run as SPIR-V and on the host alike. Products on all cores give the same bits for any number of
-//! threads.
+//! The bodies in [`kernel`] run as SPIR-V and on the host alike. Products on all cores give the same bits for any
+//! number of threads.
 //!
 //! Sources: Goral et al. 1984 (radiosity); Walker 1977, Vose 1991 (alias tables).
 //!
@@ -40,8 +40,8 @@
 //! | `std`, by default | loops over all cores, SIMD |
 //! | `serde` | its tables in files |
 //!
-//! Results are the same, but that sums of dense and half-precision rows depend on the width of the registers, as they do between
-//! processors.
+//! Results are the same, but that sums of dense and half-precision rows depend on the width of the registers, as they
+//! do between processors.
 // The kernel build has `core` only.
 #[cfg(any(feature = "alloc", test))]
 #[macro_use]

@@ -1,9 +1,9 @@
-//! How long work tells how far it is, and how it is stopped.
+//! Progress of long work, and its cancellation.
 
 use core::fmt;
 use core::ops::ControlFlow;
 
-/// Whether long work goes on: `Break(())` ends it as soon as it can.
+/// Continuation of long work: `Break(())` ends it as soon as it can.
 pub type Proceed = ControlFlow<()>;
 
 /// Long work tells how far it is and asks whether to go on.

@@ -18,8 +18,8 @@ pub struct Patch {
 }
 const _: () = assert!(size_of::<Patch>() == 32);
 
-/// How one triangle of the scene is cut into `divisions²` like triangles, and where their values stand in a table. The
-/// same structure numbers patches and, in a second table, the cells of receivers.
+/// Division of a triangle of the scene into `divisions²` similar triangles, and the position of their values in a
+/// table. The same structure numbers patches and, in a second table, the cells of receivers.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Pod, Zeroable)]
 pub struct TriangleGrid {
@@ -34,8 +34,8 @@ pub struct TriangleGrid {
 }
 const _: () = assert!(size_of::<TriangleGrid>() == 16);
 
-/// A cell of a triangle's grid as receivers take it: cut once more into `divisions²` like triangles, whose vertices have
-/// entries of their own.
+/// A cell of a triangle's grid as receivers take it: cut once more into `divisions²` like triangles, whose vertices
+/// have entries of their own.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Pod, Zeroable)]
 pub struct ReceiverCell {

@@ -1,4 +1,5 @@
-//! Rows of counts of hits: the same operator as compressed sparse rows, exact counts, the same bits for any thread count.
+//! Rows of counts of hits: the same operator as compressed sparse rows, exact counts, the same bits for any thread
+//! count.
 
 use glam::Vec4;
 use patchlight_transport::kernel::hits::gather_row_hits;
@@ -20,7 +21,7 @@ fn hits(rows: u32, rays: u32, columns: u32) -> Vec<u32> {
         .collect()
 }
 
-/// The same rows counted one by one.
+/// Rows counted one by one.
 fn counted(hits: &[u32], columns: usize, scales: &[f32]) -> Csr {
     let rays = hits.len() / scales.len();
     let mut csr = Csr { rows: scales.len(), columns, row_start: vec![0], ..Csr::default() };

@@ -1,4 +1,4 @@
-//! What one invocation does.
+//! Work of one invocation.
 
 pub mod blend;
 pub mod encoding;

@@ -26,7 +26,7 @@ pub struct Probe {
 }
 const _: () = assert!(size_of::<Probe>() == 16);
 
-/// What a ray from a probe brought.
+/// Result of a ray from a probe.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct ProbeRay {
@@ -50,7 +50,7 @@ pub struct LookupPoint {
 }
 const _: () = assert!(size_of::<LookupPoint>() == 48);
 
-/// How probes are looked up.
+/// Settings of probe lookups.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct LookupParams {
@@ -81,9 +81,9 @@ pub struct TraceParams {
     pub two_sided: u32,
     /// Unused.
     pub reserved: u32,
-    /// How the light of the frame before is looked up.
+    /// Lookup settings for the light of the frame before.
     pub lookup: LookupParams,
-    /// How direct light is found where rays end.
+    /// Settings of direct light where rays end.
     pub direct: DirectParams,
 }
 const _: () = assert!(size_of::<TraceParams>() == 96);
@@ -126,7 +126,7 @@ pub struct PointParams {
     pub count: u32,
     /// Unused.
     pub reserved: [u32; 3],
-    /// How they are looked up.
+    /// Settings of the lookup.
     pub lookup: LookupParams,
 }
 const _: () = assert!(size_of::<PointParams>() == 64);

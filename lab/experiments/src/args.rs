@@ -21,22 +21,23 @@ pub enum Experiment {
     Operator,
     /// Sampled light beside exact products: time, memory, jumps of the lights, noise at rest, pictures.
     Temporal,
-    /// Ways to spread a product over frames, two of them naive, and the weight of the frames before: light while lights move.
+    /// Ways to spread a product over frames, two of them naive, and the weight of the frames before: light while lights
+    /// move.
     Spread,
     /// The matrix round a camera that moves, beside full radiosity: work, time, memory, pictures.
     Local,
     /// Photons to an error: from where lights fall first, and from the lights.
     Firstshot,
-    /// What a person sees wrong in pictures: noise, leaks, stains, blotches, against converged references.
+    /// Visible faults of pictures: noise, leaks, stains, blotches, against converged references.
     Clean,
-    /// Whole light updates: lights that move, lights that rest, a lamp that is switched, for every receiver and for those in
-    /// view; where the time goes, and how far from the bandwidth that is.
+    /// Whole light updates: lights that move, lights that rest, a lamp that is switched, for every receiver and for
+    /// those in view; where the time goes, and how far from the bandwidth that is.
     Frame,
     /// Time of products and of sampled light over the number of patches: `thesis table1`.
     Table1,
     /// Errors of products and of sampled light against path tracing: `thesis table2`.
     Table2,
-    /// What is in view by tiles and sampled, beside every baseline and opponent: time, memory, pictures, points.
+    /// Tiles and sampled rows in view, beside every baseline and opponent: time, memory, pictures, points.
     Table3,
     /// Time of the light over the number of bounces: `thesis 3.10`.
     Bounces,
@@ -64,16 +65,18 @@ pub struct Bench {
     /// The experiment.
     #[arg(value_enum)]
     pub name: Experiment,
-    /// Scene files or built-in scenes, for thesis behind the figure [default: clean rooms stripes blinds clutter window corridor, leaks rooms corridor blinds
-    /// clutter, frame and scaling office, materials cornell, table3, step and unseen cornell office, others cornell atrium; leaks,
-    /// table3 and unseen the shared ones, too].
+    /// Scene files or built-in scenes, for thesis behind the figure [default: clean rooms stripes blinds clutter window
+    /// corridor, leaks rooms corridor blinds clutter, frame and scaling office, materials cornell, table3, step and
+    /// unseen cornell office, others cornell atrium; leaks, table3 and unseen the shared ones, too].
     pub scenes: Vec<String>,
     /// Patches [default: patches 1000,2000,5000,10000,20000, clean and firstshot 4000, scaling 512 to 262144, leaks,
-    /// materials, spread, step, table3 and unseen 2000, thesis by figure, curves 1000,2000,4000,10000,20000 (clean), others 10000].
+    /// materials, spread, step, table3 and unseen 2000, thesis by figure, curves 1000,2000,4000,10000,20000 (clean),
+    /// others 10000].
     #[arg(long, value_delimiter = ',', value_parser = clap::value_parser!(u32).range(1..=65_535))]
     pub counts: Vec<u32>,
-    /// Where patches and receivers stand close: auto, camera, or a box as X,Y,Z,X,Y,Z (m): enclosed space, what the camera sees
-    /// round it, or what is given (clean, frame, leaks, local, materials, scaling, step, table3, temporal, unseen).
+    /// Viewing area with close patches and receivers: auto, camera, or a box as X,Y,Z,X,Y,Z (m): enclosed space, what
+    /// the camera sees round it, or what is given (clean, frame, leaks, local, materials, scaling, step, table3,
+    /// temporal, unseen).
     #[arg(long, default_value = "auto", value_name = "auto|camera|BOX", allow_hyphen_values = true, value_parser = parse_focus)]
     pub focus: FocusChoice,
     /// Relative errors (Frobenius) of compressed operators.
@@ -97,22 +100,24 @@ pub struct Bench {
     /// Parts of the experiment (patches).
     #[arg(long, value_delimiter = ',', value_enum, default_value = "patches,break-down,lights")]
     pub parts: Vec<Part>,
-    /// Folder whose folder SCENE holds full.exr, indirect.exr and points.csv to compare with; scenes without are path traced. For
-    /// clean, without a folder: make the references of the scenes, or go on with them, and measure nothing.
+    /// Folder whose folder SCENE holds full.exr, indirect.exr and points.csv to compare with; scenes without are path
+    /// traced. For clean, without a folder: make the references of the scenes, or go on with them, and measure nothing.
     #[arg(long, num_args = 0..=1, value_name = "FOLDER")]
     pub references: Option<Option<PathBuf>>,
-    /// Paths a pixel of references that are made (clean) [default: 2048 with --references; else those at hand are taken].
+    /// Paths a pixel of references that are made (clean) [default: 2048 with --references; else those at hand are
+    /// taken].
     #[arg(long, value_parser = clap::value_parser!(u32).range(16..=1_000_000))]
     pub paths: Option<u32>,
-    /// Folder where references are kept (clean, leaks) [default: clean patchlight/references in the user's cache folder, leaks
-    /// OUT/references].
+    /// Folder where references are kept (clean, leaks) [default: clean patchlight/references in the user's cache
+    /// folder, leaks OUT/references].
     #[arg(long, value_name = "FOLDER")]
     pub cache: Option<PathBuf>,
     /// Size of path-traced references, or of the view of frames [default: frame 960x540, clean, leaks,
     /// materials, scaling, step, table3, thesis and unseen 240x135, others 480x360].
     #[arg(long, value_parser = parse_size)]
     pub size: Option<(u32, u32)>,
-    /// Paths a pixel of path-traced references; half of them in each of two independent pictures, which tell their noise.
+    /// Paths a pixel of path-traced references; half of them in each of two independent pictures, which tell their
+    /// noise.
     #[arg(long, default_value_t = 256, value_parser = clap::value_parser!(u32).range(2..=1_000_000))]
     pub spp: u32,
     /// Sub-frames of a picture.
@@ -134,7 +139,8 @@ pub struct Bench {
     /// Relative errors (Frobenius) of the same, compressed.
     #[arg(long, value_delimiter = ',', default_value = "0.05,0.03", value_parser = parse_epsilon)]
     pub receiver_epsilons: Vec<f64>,
-    /// Distances between probes, m; shares of 8 m in scenes that are smaller (table3; the least of leaks, materials, scaling, step, unseen).
+    /// Distances between probes, m; shares of 8 m in scenes that are smaller (table3; the least of leaks, materials,
+    /// scaling, step, unseen).
     #[arg(long, value_delimiter = ',', default_value = "1,2,4", value_parser = parse_density)]
     pub spacings: Vec<f32>,
     /// Rays of each probe in a frame (table3; the least of leaks, materials, scaling, step, unseen).
@@ -143,23 +149,24 @@ pub struct Bench {
     /// Errors over 1,000 to 20,000 patches, instead of one number (clean).
     #[arg(long)]
     pub curves: bool,
-    /// Continue an interrupted experiment in the same folder: what OUT/summary.json has is not measured again (patches).
+    /// Continue an interrupted experiment in the same folder: what OUT/summary.json has is not measured again
+    /// (patches).
     #[arg(long)]
     pub resume: bool,
-    /// The smallest setting of everything, whatever other options say: to see that it works (all, leaks, materials, scaling,
-    /// step, table3, unseen).
+    /// The smallest setting of everything, whatever other options say: to see that it works (all, leaks, materials,
+    /// scaling, step, table3, unseen).
     #[arg(long)]
     pub quick: bool,
-    /// What else is to be known of the machine, to be kept with the numbers (leaks, materials, scaling, step, table3,
-    /// unseen).
+    /// Note on the machine, to be kept with the numbers (leaks, materials, scaling, step, table3, unseen).
     #[arg(long, value_name = "TEXT")]
     pub note: Option<String>,
-    /// Folder of documents where the numbers are kept, as FOLDER/data/NAME.json, and pictures, for `bench report` (leaks,
-    /// materials, scaling, step, table3, unseen). Scenes are added to those that are there, or take their place.
+    /// Folder of documents where the numbers are kept, as FOLDER/data/NAME.json, and pictures, for `bench report`
+    /// (leaks, materials, scaling, step, table3, unseen). Scenes are added to those that are there, or take their
+    /// place.
     #[arg(long, value_name = "FOLDER")]
     pub docs: Option<PathBuf>,
-    /// Folder of shared scenes, of which leaks, table3 and unseen take theirs when no scenes are named; those that are not there
-    /// are left out.
+    /// Folder of shared scenes, of which leaks, table3 and unseen take theirs when no scenes are named; those that are
+    /// not there are left out.
     #[arg(long, value_name = "FOLDER", default_value = "../shared/scenes")]
     pub shared: PathBuf,
 }

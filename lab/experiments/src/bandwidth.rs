@@ -6,8 +6,8 @@ use std::time::Instant;
 use pulp::Arch;
 use rayon::prelude::*;
 
-/// Bandwidth of reading, GB/s (10⁹ bytes a second): all cores add up `bytes` bytes with the widest vectors they have, the
-/// best of `rounds` rounds. A size that fits into the last cache gives the cache's bandwidth.
+/// Bandwidth of reading, GB/s (10⁹ bytes a second): all cores add up `bytes` bytes with the widest vectors they have,
+/// the best of `rounds` rounds. A size that fits into the last cache gives the cache's bandwidth.
 pub fn stream_gb_s(bytes: usize, rounds: usize) -> f64 {
     let mut stream = Stream::new(bytes);
     (0..rounds).map(|_| stream.round()).fold(0.0, f64::max)

@@ -52,7 +52,7 @@ const KINDS: [Patches; 3] = [Patches::Voxel, Patches::Axis, Patches::Cluster];
 const STREAM_BYTES: usize = 256 << 20;
 const STREAM_ROUNDS: usize = 3;
 
-/// What the numbers were measured on.
+/// Machine that the numbers were measured on.
 #[derive(Clone, Serialize, Deserialize)]
 pub struct Machine {
     cpu: String,
@@ -63,17 +63,17 @@ pub struct Machine {
     stream_gb_s: f64,
 }
 
-/// What the rows of the experiment with patches depend on beside what they say: a run goes on only from its like.
+/// Conditions of the rows of the experiment with patches, beside what they say: a run goes on only from its like.
 #[derive(Debug, PartialEq, Serialize, Deserialize)]
 struct Basis {
     seed: u32,
     rays: u32,
     receiver_rays: u32,
     sub_frames: u32,
-    /// Of path-traced references.
+    /// Size of path-traced references.
     size: (u32, u32),
     spp: u32,
-    /// Of the break-down, the lights and the pictures.
+    /// Patches of the break-down, the lights and the pictures.
     most_patches: u32,
 }
 
@@ -95,7 +95,7 @@ struct Results<'a> {
     rows: Vec<&'a Row>,
 }
 
-/// What a run that goes on needs of it.
+/// State that a run that goes on needs.
 #[derive(Deserialize)]
 struct Before {
     #[serde(flatten)]
@@ -141,7 +141,7 @@ pub fn run(common: &Common, args: &Bench) -> Result<(), Error> {
     }
 }
 
-/// Where an experiment writes, what it runs on, and what of.
+/// Output folder, device and scenes of an experiment.
 struct Setup<'a> {
     out: PathBuf,
     machine: Machine,
@@ -233,7 +233,7 @@ fn write(machine: &Machine, results: &[SceneResult], out: &Path) -> Result<(), E
     Ok(output::write_text(&out.join("report.html"), &page("Patchlight: virtual patches", &introduction, sections))?)
 }
 
-/// How so many patches of a scene are baked.
+/// Settings of a bake of so many patches of a scene.
 fn bake_settings(common: &Common, args: &Bench, loaded: &LoadedScene, count: usize) -> BakeSettings {
     BakeSettings {
         patch_count: count,
@@ -264,7 +264,7 @@ impl Machine {
         Ok(Self { cpu: runtime::cpu::processor_name(), gpu, threads: rayon::current_num_threads(), stream_gb_s })
     }
 
-    /// What it is, for a report.
+    /// Sentence for a report.
     fn sentence(&self) -> String {
         format!(
             "Measured on {}{}, {} threads, reading {:.1} GB/s.",

@@ -10,8 +10,8 @@ pub fn today() -> String {
     date_of(seconds / SECONDS_A_DAY)
 }
 
-/// The date so many days after 1 January 1970 (Hinnant, "chrono-Compatible Low-Level Date Algorithms"): years begin in March, so
-/// that a leap day is the last of its year.
+/// The date so many days after 1 January 1970 (Hinnant, "chrono-Compatible Low-Level Date Algorithms"): years begin in
+/// March, so that a leap day is the last of its year.
 fn date_of(days: u64) -> String {
     const DAYS_OF_400_YEARS: u64 = 146_097;
     // From 1 March of the year 0.

@@ -1,4 +1,4 @@
-//! What can go wrong in experiments.
+//! Errors of experiments.
 
 use std::path::PathBuf;
 
@@ -7,7 +7,7 @@ use shell::program::Failure;
 /// Why an experiment failed.
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
-    /// What can go wrong in any program.
+    /// Errors of any program.
     #[error(transparent)]
     Shell(shell::Error),
     /// An experiment cannot go on.
@@ -19,7 +19,7 @@ pub enum Error {
     OtherExperiment {
         /// The file.
         path: PathBuf,
-        /// What is different.
+        /// The difference.
         why: String,
     },
     /// Data of the report are not what they should be.
@@ -29,9 +29,9 @@ pub enum Error {
     Data {
         /// The file.
         path: PathBuf,
-        /// What is wrong.
+        /// Description of the fault.
         why: String,
-        /// What makes it.
+        /// Experiment that makes it.
         experiment: &'static str,
     },
     /// References that are not there.
@@ -44,7 +44,7 @@ pub enum Error {
     NoReferences {
         /// The scenes.
         scenes: Vec<String>,
-        /// Where they were looked for.
+        /// Folder in which they were looked for.
         folder: PathBuf,
     },
     /// A figure that is not measured.
@@ -67,12 +67,12 @@ pub enum Error {
     /// The system names no folder for caches.
     #[error("the user's cache folder is not known ({why}); name one with --cache")]
     NoCacheFolder {
-        /// What the system says.
+        /// Message of the operating system.
         why: String,
     },
 }
 
-/// What the shell takes for an error of its own.
+/// Errors that the shell takes for its own.
 impl<E> From<E> for Error
 where
     shell::Error: From<E>,
@@ -89,7 +89,7 @@ impl Failure for Error {
 }
 
 impl Error {
-    /// Whether the user asked to stop.
+    /// Returns true if the user asked to stop.
     pub fn is_cancelled(&self) -> bool {
         Failure::is_cancelled(self)
     }

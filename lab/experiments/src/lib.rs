@@ -1,4 +1,4 @@
-//! What `patchlight-bench` runs: tables, plots and reports that prove each claim.
+//! Experiments of `patchlight-bench`: tables, plots and reports that prove each claim.
 
 #![warn(clippy::print_stdout, clippy::print_stderr)]
 

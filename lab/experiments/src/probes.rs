@@ -1,8 +1,8 @@
 //! DDGI on a device: the light update of [`opponents::Ddgi`] as the passes of a plan.
 //!
-//! Probes are placed, moved and classified on the host, once, for geometry does not move; so are the few numbers of a frame (the turn
-//! of its rays, its hysteresis). Rays, their light, blending and lookups are the device's: the same bodies, and on lavapipe the same
-//! bits as on the host.
+//! Probes are placed, moved and classified on the host, once, for geometry does not move; so are the few numbers of a
+//! frame (the turn of its rays, its hysteresis). Rays, their light, blending and lookups are the device's: the same
+//! bodies, and on lavapipe the same bits as on the host.
 
 use std::sync::{Mutex, PoisonError};
 
@@ -26,9 +26,9 @@ const TOGETHER: usize = 1 << 16;
 
 /// Probes on a device.
 pub struct DeviceDdgi {
-    /// Where probes are, and the numbers of each frame; its own probes stay dark.
+    /// Probe positions and the numbers of each frame; its own probes stay dark.
     host: Ddgi,
-    /// What shines; only its lights change.
+    /// Light sources; only the lights change.
     lighting: Lighting,
     scene: SceneTables,
     passes: ProbePasses,
@@ -61,8 +61,8 @@ impl DeviceDdgi {
         Ok(Self { host, lighting, scene: scene_tables, passes, executor: Mutex::new(executor) })
     }
 
-    /// A whole light update as that of [`Ddgi::update`], with these lights in place of the scene's, no more of them than the scene
-    /// has; sky and emission are the scene's. Waits for it.
+    /// A whole light update as that of [`Ddgi::update`], with these lights in place of the scene's, no more of them
+    /// than the scene has; sky and emission are the scene's. Waits for it.
     ///
     /// # Errors
     /// More lights than there is room for, or luminaires without their distributions; what the device says.
@@ -103,7 +103,7 @@ impl DeviceDdgi {
         Ok(())
     }
 
-    /// Where probes are, and how many.
+    /// Probes and their positions.
     pub fn placed(&self) -> &Ddgi {
         &self.host
     }

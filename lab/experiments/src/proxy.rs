@@ -1,8 +1,8 @@
 //! Radiosity over the voxelisation proxy, the baseline that patches of the true surface are compared with.
 //!
-//! It solves the same equation with as many rays as the project's own patches. Patches of the proxy are the faces that light
-//! comes to (faces towards closed spaces and those that see nothing are only in the way); direct light is measured on the
-//! proxy, at points of its faces.
+//! It solves the same equation with as many rays as the project's own patches. Patches of the proxy are the faces that
+//! light comes to (faces towards closed spaces and those that see nothing are only in the way); direct light is
+//! measured on the proxy, at points of its faces.
 
 use std::f32::consts::PI;
 use std::sync::Arc;
@@ -124,8 +124,8 @@ impl<'a> ProxyRadiosity<'a> {
         Ok(())
     }
 
-    /// Indirect irradiance at points of the true surface, W/m². None where no face that light comes to faces as the point does:
-    /// the proxy may lack a whole side of a thing that is thinner than its voxels.
+    /// Indirect irradiance at points of the true surface, W/m². None where no face that light comes to faces as the
+    /// point does: the proxy may lack a whole side of a thing that is thinner than its voxels.
     pub fn irradiance_at(&self, points: &[SurfacePoint], lookup: ProxyLookup) -> Vec<Vec3> {
         let light = |weights: [(u32, f32); 4]| -> Vec3 {
             weights.iter().map(|&(face, weight)| self.light[face as usize] * weight).sum()
@@ -213,8 +213,8 @@ fn panels_of(lights: &[Light]) -> (Vec<Light>, Vec<Light>) {
     lights.iter().partition(|light| light.kind == LIGHT_RECT)
 }
 
-/// The scene with black panels in place of its rectangle lights, where it has any: their voxels are occupied, as those of other
-/// things are.
+/// The scene with black panels in place of its rectangle lights, where it has any: their voxels are occupied, as those
+/// of other things are.
 fn with_panels(scene: &Scene) -> Result<Option<Scene>, Error> {
     let (panels, lights) = panels_of(&scene.lighting.lights);
     if panels.is_empty() {
@@ -244,8 +244,8 @@ fn with_panels(scene: &Scene) -> Result<Option<Scene>, Error> {
     Ok(Some(Scene::new(parts).map_err(reference::Error::from)?))
 }
 
-/// The proxy under some lights. A rectangle light shines from the faces of its voxels, with the same power: close below a
-/// ceiling it would be inside of the ceiling's voxels and light nothing.
+/// The proxy under some lights. A rectangle light shines from the faces of its voxels, with the same power: close below
+/// a ceiling it would be inside of the ceiling's voxels and light nothing.
 fn lit(proxy: &VoxelProxy, lighting: &Lighting) -> Result<Scene, Error> {
     let (panels, lights) = panels_of(&lighting.lights);
     let mut emission: Vec<Vec3> = proxy.faces.iter().map(|face| face.radiance).collect();

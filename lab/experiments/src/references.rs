@@ -1,4 +1,5 @@
-//! Path-traced references that are made once and kept: sums that can be continued, the pictures, and their standard errors.
+//! Path-traced references that are made once and kept: sums that can be continued, the pictures, and their standard
+//! errors.
 
 use std::path::{Path, PathBuf};
 
@@ -37,18 +38,18 @@ pub struct KeptReference {
     pub standard_errors: Option<[Picture; 2]>,
     /// Paths a pixel, where they are known.
     pub paths: Option<u32>,
-    /// Where the pictures are from.
+    /// Source of the pictures.
     pub source: String,
 }
 
-/// How much the noise of a reference hides.
+/// Noise of a reference.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct KeptNoise {
     /// Paths a pixel.
     pub paths: u32,
-    /// Of all light.
+    /// Noise of all light.
     pub full: ReferenceNoise,
-    /// Of indirect light.
+    /// Noise of indirect light.
     pub indirect: ReferenceNoise,
 }
 
@@ -62,12 +63,12 @@ struct Card<'a> {
 }
 
 impl KeptReference {
-    /// What pictures of all light are judged by.
+    /// Judge of pictures of all light.
     pub fn full(&self) -> Judge<'_> {
         self.judge(&self.pictures.full, 0)
     }
 
-    /// What pictures of indirect light are judged by.
+    /// Judge of pictures of indirect light.
     pub fn indirect(&self) -> Judge<'_> {
         self.judge(&self.pictures.indirect, 1)
     }
@@ -90,8 +91,8 @@ impl KeptReference {
         (self.pictures.full.width, self.pictures.full.height)
     }
 
-    /// From `full.exr`, `direct.exr` and `indirect.exr` of the folder `SCENE` in a folder, made by whatever program; none where
-    /// there is no such folder, or where it does not know indirect light.
+    /// From `full.exr`, `direct.exr` and `indirect.exr` of the folder `SCENE` in a folder, made by whatever program;
+    /// none where there is no such folder, or where it does not know indirect light.
     ///
     /// # Errors
     /// Names the file that is damaged.
@@ -128,7 +129,7 @@ impl ReferenceStore {
         Ok(Self { folder })
     }
 
-    /// Where the references lie.
+    /// Folder of the references.
     pub fn folder(&self) -> &Path {
         &self.folder
     }
@@ -147,8 +148,8 @@ impl ReferenceStore {
         Ok(job.kept(&sums))
     }
 
-    /// The reference of a scene with at least so many paths a pixel: traces those that are missing, and saves now and then. An
-    /// end that was asked for loses nothing.
+    /// The reference of a scene with at least so many paths a pixel: traces those that are missing, and saves now and
+    /// then. An end that was asked for loses nothing.
     ///
     /// # Errors
     /// [`shell::Error::Cancelled`], and what reading or writing gives.

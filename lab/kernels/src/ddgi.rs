@@ -9,8 +9,8 @@ use ::scene::{Hit, Rgb};
 use glam::{Vec2, Vec3, Vec4};
 
 gpu_kernels::kernels! {
-    /// Weight of every ray in every texel of irradiance, then of visibility: [`blend::weight`]. One invocation per weight, those of
-    /// a ray one after the other.
+    /// Weight of every ray in every texel of irradiance, then of visibility: [`blend::weight`]. One invocation per
+    /// weight, those of a ray one after the other.
     DDGI_WEIGHTS = "ddgi_weights"(p: WeightParams) for k in 0..count {
         directions: read [Vec4; p.rays as usize],
         weights: write [f32],
@@ -18,7 +18,7 @@ gpu_kernels::kernels! {
         blend::weight(p, k % RAY_WEIGHTS, directions[(k / RAY_WEIGHTS) as usize].truncate())
     }
 
-    /// What every ray of the probes brings: [`probe_ray`] of what [`bvh::closest_hit`] meets, with shadow rays by
+    /// Radiance along every ray of the probes: [`probe_ray`] of what [`bvh::closest_hit`] meets, with shadow rays by
     /// [`bvh::any_hit`]; nothing where the probe is off. One invocation per ray, those of a probe one after the other.
     DDGI_TRACE = "ddgi_trace"(p: TraceParams) for k in 0..count {
         directions: read [Vec4; p.rays as usize],
@@ -42,7 +42,8 @@ gpu_kernels::kernels! {
         probe_ray(&geometry, p, &lights, tables, Met { index: k, direction, hit }, stopped)
     }
 
-    /// Irradiance in every texel of all probes after a frame, as its root: [`blend::blend_irradiance`]. One invocation per texel.
+    /// Irradiance in every texel of all probes after a frame, as its root: [`blend::blend_irradiance`]. One invocation
+    /// per texel.
     DDGI_BLEND_IRRADIANCE = "ddgi_blend_irradiance"(p: BlendParams) for k in 0..count {
         probes: read [Probe],
         weights: read [f32],
@@ -52,8 +53,8 @@ gpu_kernels::kernels! {
         blend::blend_irradiance(k, p, probes, weights, rays, old)
     }
 
-    /// Mean distance and mean square in every texel of all probes after a frame: [`blend::blend_visibility`]. One invocation per
-    /// texel.
+    /// Mean distance and mean square in every texel of all probes after a frame: [`blend::blend_visibility`]. One
+    /// invocation per texel.
     DDGI_BLEND_VISIBILITY = "ddgi_blend_visibility"(p: BlendParams) for k in 0..count {
         probes: read [Probe],
         weights: read [f32],

@@ -1,27 +1,29 @@
-//! Dynamic diffuse global illumination by probes, an opponent: irradiance and visibility round points of a grid, by a few
-//! rays of each probe in every frame.
+//! Dynamic diffuse global illumination by probes, an opponent: irradiance and visibility round points of a grid, by a
+//! few rays of each probe in every frame.
 //!
-//! Sources: Majercik, Guertin, Nowrouzezahrai, McGuire 2019, "Dynamic Diffuse Global Illumination with Ray-Traced Irradiance
-//! Fields" (JCGT 8(2)); Majercik, Marrs, Spjut, McGuire 2021, "Scaling Probe-Based Real-Time Dynamic Global Illumination for
-//! Production" (JCGT 10(2)); defaults as the RTXGI library has them. A probe holds irradiance in 8 × 8 octahedral texels,
-//! raised to 1/5, and mean distance and its square in 16 × 16, each with a border of one texel. A frame rotates a spherical
-//! Fibonacci set of rays at random; what a ray meets sends ρ/π (H_d + H), with H from the probes as the frame before left
-//! them, so that bounces add up. Texels blend the rays in with hysteresis. A point takes its irradiance from the eight
-//! probes round it: trilinear, less from those behind the surface, and less from those that by Chebyshev's inequality are
-//! not seen from it.
+//! Sources: Majercik, Guertin, Nowrouzezahrai, McGuire 2019, "Dynamic Diffuse Global Illumination with Ray-Traced
+//! Irradiance Fields" (JCGT 8(2)); Majercik, Marrs, Spjut, McGuire 2021, "Scaling Probe-Based Real-Time Dynamic Global
+//! Illumination for Production" (JCGT 10(2)); defaults as the RTXGI library has them. A probe holds irradiance in 8 × 8
+//! octahedral texels, raised to 1/5, and mean distance and its square in 16 × 16, each with a border of one texel. A
+//! frame rotates a spherical Fibonacci set of rays at random; what a ray meets sends ρ/π (H_d + H), with H from the
+//! probes as the frame before left them, so that bounces add up. Texels blend the rays in with hysteresis. A point
+//! takes its irradiance from the eight probes round it: trilinear, less from those behind the surface, and less from
+//! those that by Chebyshev's inequality are not seen from it.
 //!
-//! Compared with the RTXGI library, version 1.3.7: the bases of weights, wrap, Chebyshev's inequality, crushing, powers, hysteresis,
-//! 32 fixed rays, a quarter of backs, shortened backs, most albedo and farthest distance are its own. It differs where this is
-//! kinder to the method: its 8 and 16 texels hold the border; its fixed rays are taken off those that bring light; a probe that
-//! sees a tenth of backs takes in nothing there, here it goes on with the rest; it moves probes by a metre, here by what is
-//! missing; its thresholds of change are of stored values in its own units (0.25, 0.1), here shares of the greater one, as the
-//! paper of 2021 has them. A bias of 0.3 has the least error of 0.1 to 1.1 in the Cornell box.
+//! Compared with the RTXGI library, version 1.3.7: the bases of weights, wrap, Chebyshev's inequality, crushing,
+//! powers, hysteresis, 32 fixed rays, a quarter of backs, shortened backs, most albedo and farthest distance are its
+//! own. It differs where this is kinder to the method: its 8 and 16 texels hold the border; its fixed rays are taken
+//! off those that bring light; a probe that sees a tenth of backs takes in nothing there, here it goes on with the
+//! rest; it moves probes by a metre, here by what is missing; its thresholds of change are of stored values in its own
+//! units (0.25, 0.1), here shares of the greater one, as the paper of 2021 has them. A bias of 0.3 has the least error
+//! of 0.1 to 1.1 in the Cornell box.
 //!
-//! Where sources leave a choice: lengths (bias, least distance from surfaces) are in spacings, not in metres, so that small
-//! scenes are served as well. Probes are at the centres of boxes that fill the bounds, so none is wasted behind outer walls.
-//! Probes are moved and classified once, for geometry does not move. Numbers have 32 bits; [`Ddgi::bytes`] counts what the
-//! library stores. H is indirect only, as for all methods here: emission and sky reach the hits of rays as direct light, one
-//! shadow ray for each light and one for all emitters, and one to the sky, and are left out of the probes.
+//! Where sources leave a choice: lengths (bias, least distance from surfaces) are in spacings, not in metres, so that
+//! small scenes are served as well. Probes are at the centres of boxes that fill the bounds, so none is wasted behind
+//! outer walls. Probes are moved and classified once, for geometry does not move. Numbers have 32 bits; [`Ddgi::bytes`]
+//! counts what the library stores. H is indirect only, as for all methods here: emission and sky reach the hits of rays
+//! as direct light, one shadow ray for each light and one for all emitters, and one to the sky, and are left out of the
+//! probes.
 
 mod blend;
 mod grid;
@@ -47,15 +49,15 @@ pub use grid::{PROBE_LIMIT, Spacing};
 use place::place;
 use reference::Error;
 
-/// Bytes that the library stores of a probe: irradiance in 10 + 10 + 10 + 2 bits a texel, two halves of visibility, and four
-/// halves for its offset and state.
+/// Bytes that the library stores of a probe: irradiance in 10 + 10 + 10 + 2 bits a texel, two halves of visibility, and
+/// four halves for its offset and state.
 const IRRADIANCE_BYTES: usize = IRRADIANCE_TEXELS as usize * 4;
 const VISIBILITY_BYTES: usize = VISIBILITY_TEXELS as usize * 4;
 const STATE_BYTES: usize = 8;
 /// Rays of a probe at most.
-const MOST_RAYS: u32 = 4096;
+const MAX_RAYS: u32 = 4096;
 /// Distances count up to this many diagonals of a cell.
-const MOST_DISTANCE: f32 = 1.5;
+const MAX_DISTANCE: f32 = 1.5;
 /// After a change of the lights so many frames forget faster, by this factor on the hysteresis (2021, section 4).
 const CHANGE_FRAMES: u32 = 10;
 const CHANGE_FACTOR: f32 = 0.5;
@@ -63,11 +65,11 @@ const CHANGE_FACTOR: f32 = 0.5;
 const BIAS_SPACING: f32 = 0.75;
 /// Degree of the root that irradiance is stored as, unless it is said.
 const DEFAULT_ENCODING: u32 = 5;
-const MOST_ENCODING: u32 = 16;
+const MAX_ENCODING: u32 = 16;
 /// Power of the cosine that weights distances at most.
-const MOST_EXPONENT: u32 = 1000;
+const MAX_EXPONENT: u32 = 1000;
 
-/// What [`Ddgi`] depends on, besides the scene.
+/// Settings of [`Ddgi`], besides the scene.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DdgiSettings {
     /// Distance between probes.
@@ -90,7 +92,8 @@ pub struct DdgiSettings {
     pub relocation: bool,
     /// Switches off probes inside of things, and those that have no surface near.
     pub classification: bool,
-    /// Backs of surfaces are lit and no inside, for scenes that are not made of closed bodies with their fronts outwards.
+    /// Backs of surfaces are lit and no inside, for scenes that are not made of closed bodies with their fronts
+    /// outwards.
     pub two_sided: bool,
     /// Changes every random number.
     pub seed: u32,
@@ -134,7 +137,7 @@ impl From<&ViewedPoint> for LookupPoint {
     }
 }
 
-/// What a light update needs beside the scene and the probes, for a device that makes it.
+/// Inputs of a light update beside the scene and the probes, for a device that makes it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ProbeFrame {
     /// Unit directions of the rays, the same for all probes.
@@ -158,7 +161,7 @@ pub struct Ddgi {
     irradiance: Vec<Rgb>,
     /// Mean distance, m, and its square, `[probes · 324]`.
     visibility: Vec<Vec2>,
-    /// Of the active probes, `[active · rays]`.
+    /// Rays of the active probes, `[active · rays]`.
     rays: Vec<ProbeRay>,
     /// Rays before they are turned.
     directions: Vec<Vec3>,
@@ -193,8 +196,8 @@ impl Ddgi {
         })
     }
 
-    /// A whole light update: rays of all active probes, direct light where they end, blending. `frame` rotates the rays. On all
-    /// cores; the result does not depend on their number.
+    /// A whole light update: rays of all active probes, direct light where they end, blending. `frame` rotates the
+    /// rays. On all cores; the result does not depend on their number.
     ///
     /// # Errors
     /// [`Error::Scene`] for lighting that does not suit the scene.
@@ -226,7 +229,7 @@ impl Ddgi {
             rays,
             hysteresis: past,
             encoding: self.settings.encoding,
-            most: MOST_DISTANCE * self.grid.spacing.length(),
+            most: MAX_DISTANCE * self.grid.spacing.length(),
         };
         let trace = TraceParams {
             count: probes * rays,
@@ -242,8 +245,8 @@ impl Ddgi {
         Ok(ProbeFrame { directions, trace, irradiance, visibility })
     }
 
-    /// Updates of frames `first`, `first + 1` and so on under still light. After each, `progress(done, count)` may stop the
-    /// work; returns whether all were made.
+    /// Updates of frames `first`, `first + 1` and so on under still light. After each, `progress(done, count)` may stop
+    /// the work; returns whether all were made.
     ///
     /// # Errors
     /// As [`Ddgi::update`].
@@ -275,7 +278,7 @@ impl Ddgi {
         (self.probes.len(), self.active.len())
     }
 
-    /// Where each probe is, m, and whether it is on.
+    /// Position of each probe, m, and whether it is on.
     pub fn probes(&self) -> impl Iterator<Item = (Vec3, bool)> {
         self.probes.iter().map(|probe| (probe.position, probe.is_active != 0))
     }
@@ -285,12 +288,12 @@ impl Ddgi {
         &self.probes
     }
 
-    /// What the probes are set to.
+    /// Settings of the probes.
     pub fn settings(&self) -> &DdgiSettings {
         &self.settings
     }
 
-    /// How probes are looked up.
+    /// Settings of probe lookups.
     pub fn lookup_params(&self) -> LookupParams {
         LookupParams {
             counts: self.grid.counts,
@@ -337,7 +340,7 @@ impl Ddgi {
         }
     }
 
-    /// What ray `k` of a probe brings.
+    /// Radiance along ray `k` of a probe.
     fn ray(&self, params: &TraceParams, probe: u32, k: u32, direction: Vec3) -> ProbeRay {
         let scene = &self.scene;
         let hit = scene.closest_before(self.probes[probe as usize].position, direction, FAR);
@@ -366,7 +369,7 @@ impl Ddgi {
 
 fn check(settings: &DdgiSettings) -> Result<(), Error> {
     let DdgiSettings { rays, hysteresis, bias, exponent, encoding, area_rays, .. } = *settings;
-    if rays == 0 || rays > MOST_RAYS {
+    if rays == 0 || rays > MAX_RAYS {
         return Err(Error::Setting { name: "rays of a probe", value: f64::from(rays), rule: "from 1 to 4096" });
     }
     if !(0.0..1.0).contains(&hysteresis) {
@@ -376,18 +379,18 @@ fn check(settings: &DdgiSettings) -> Result<(), Error> {
             rule: "at least 0 and below 1",
         });
     }
-    if area_rays == 0 || area_rays > MOST_RAYS {
+    if area_rays == 0 || area_rays > MAX_RAYS {
         let value = f64::from(area_rays);
         return Err(Error::Setting { name: "shadow rays to an area light", value, rule: "from 1 to 4096" });
     }
-    if !(1..=MOST_ENCODING).contains(&encoding) {
+    if !(1..=MAX_ENCODING).contains(&encoding) {
         return Err(Error::Setting {
             name: "encoding of irradiance",
             value: f64::from(encoding),
             rule: "from 1 to 16",
         });
     }
-    if exponent > MOST_EXPONENT {
+    if exponent > MAX_EXPONENT {
         return Err(Error::Setting { name: "exponent of distances", value: f64::from(exponent), rule: "at most 1000" });
     }
     if !(bias.is_finite() && bias >= 0.0) {

@@ -1,6 +1,6 @@
-//! A simple denoiser for pictures of a few paths a pixel, an opponent with the path tracer: an à-trous wavelet filter that stops
-//! at edges (Dammertz, Sewtz, Hanika, Lensch 2010, "Edge-Avoiding À-Trous Wavelet Transform for fast Global Illumination
-//! Filtering").
+//! A simple denoiser for pictures of a few paths a pixel, an opponent with the path tracer: an à-trous wavelet filter
+//! that stops at edges (Dammertz, Sewtz, Hanika, Lensch 2010, "Edge-Avoiding À-Trous Wavelet Transform for fast Global
+//! Illumination Filtering").
 //!
 //! Each level takes 5 × 5 pixels, twice as far apart as the level before, by the weights of a cubic B-spline times
 //! exp(−|Δcolour|²/σ_c² − |Δnormal|²/σ_n² − |Δposition|²/σ_p²). σ_c halves from level to level.
@@ -20,9 +20,9 @@ use reference::Picture;
 /// A cubic B-spline at −2 to 2.
 const SPLINE: [f32; 5] = [1.0 / 16.0, 1.0 / 4.0, 3.0 / 8.0, 1.0 / 4.0, 1.0 / 16.0];
 /// Levels at most.
-const MOST_LEVELS: u32 = 16;
+const MAX_LEVELS: u32 = 16;
 
-/// What [`denoise`] depends on, besides the picture.
+/// Settings of [`denoise`], besides the picture.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DenoiseSettings {
     /// Levels; the last reaches 2^(levels + 1) pixels to each side.
@@ -42,7 +42,7 @@ impl Default for DenoiseSettings {
     }
 }
 
-/// What the pixels of a camera see, without noise.
+/// Noise-free guides of the denoiser, one for each pixel.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Guides {
     /// Unit normals, `[pixels]`; zero where nothing is seen.
@@ -52,7 +52,7 @@ pub struct Guides {
 }
 
 impl Guides {
-    /// What the middle of each pixel sees. On all cores.
+    /// Guides at the middle of each pixel. On all cores.
     pub fn new(scene: &Scene, camera: &Camera) -> Self {
         let tables = scene.tables();
         let scale = 1.0 / scene.diagonal().max(f32::MIN_POSITIVE);
@@ -100,7 +100,7 @@ fn check(light: &Picture, guides: &Guides, settings: &DenoiseSettings) -> Result
             return Err(Error::Count { of: "pixels", expected: light.pixels.len(), found });
         }
     }
-    if settings.levels > MOST_LEVELS {
+    if settings.levels > MAX_LEVELS {
         return Err(Error::Setting { name: "levels", value: f64::from(settings.levels), rule: "at most 16" });
     }
     let widths = [("colour", settings.colour), ("normal", settings.normal), ("position", settings.position)];

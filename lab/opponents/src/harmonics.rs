@@ -12,7 +12,7 @@ pub const BAND_1: f32 = 0.488_602_51;
 /// Factors of band 2: of xy, yz and xz; of 3z² − 1; of x² − y².
 const BAND_2: [f32; 3] = [1.092_548_4, 0.315_391_57, 0.546_274_22];
 /// Coefficients of bands 0, 1 and 2, in all.
-pub const MOST_COEFFICIENTS: usize = 9;
+pub const MAX_COEFFICIENTS: usize = 9;
 /// By what a clamped cosine multiplies the bands in a convolution (Ramamoorthi and Hanrahan 2001).
 pub const COSINE: [f32; 3] = [PI, 2.0 * PI / 3.0, 0.25 * PI];
 
@@ -30,7 +30,7 @@ pub fn cosine_lobe(n: Vec3) -> Vec4 {
 
 /// Three bands in a unit direction.
 #[inline]
-pub fn three_bands(d: Vec3) -> [f32; MOST_COEFFICIENTS] {
+pub fn three_bands(d: Vec3) -> [f32; MAX_COEFFICIENTS] {
     let [products, polar, axes] = BAND_2;
     [
         BAND_0,

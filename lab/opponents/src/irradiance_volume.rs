@@ -1,10 +1,11 @@
-//! Irradiance volumes as engines bake them, an opponent: probes on a grid hold irradiance in bands of spherical harmonics and
-//! are interpolated, whatever lies between (Greger et al. 1998; Ramamoorthi and Hanrahan 2001).
+//! Irradiance volumes as engines bake them, an opponent: probes on a grid hold irradiance in bands of spherical
+//! harmonics and are interpolated, whatever lies between (Greger et al. 1998; Ramamoorthi and Hanrahan 2001).
 //!
-//! That is what users of engines have as light probes: no visibility, and static. Whenever a light moves the volume is baked anew,
-//! by paths: each probe casts rays into all directions, and each ray goes on as a path of the path tracer. Probes that see more
-//! backs of surfaces than a quarter of their rays are inside of things; they take the mean of their nearest neighbours that are
-//! not, as engines' dilation does. H is indirect only, as for all methods here: what rays meet sends ρ/π (H_d + H), and no emission.
+//! That is what users of engines have as light probes: no visibility, and static. Whenever a light moves the volume is
+//! baked anew, by paths: each probe casts rays into all directions, and each ray goes on as a path of the path tracer.
+//! Probes that see more backs of surfaces than a quarter of their rays are inside of things; they take the mean of
+//! their nearest neighbours that are not, as engines' dilation does. H is indirect only, as for all methods here: what
+//! rays meet sends ρ/π (H_d + H), and no emission.
 
 use std::f32::consts::PI;
 
@@ -14,16 +15,16 @@ use scene::sampling::hash3;
 use scene::{Lighting, Scene};
 
 use crate::ddgi::{Grid, Spacing, ViewedPoint};
-use crate::harmonics::{COSINE, MOST_COEFFICIENTS, band, random_turn, spherical_fibonacci, three_bands};
+use crate::harmonics::{COSINE, MAX_COEFFICIENTS, band, random_turn, spherical_fibonacci, three_bands};
 use reference::Error;
 use reference::{PathSettings, PathTracer};
 
 /// Rays of a probe at most.
-const MOST_RAYS: u32 = 1 << 20;
+const MAX_RAYS: u32 = 1 << 20;
 /// A probe that sees more of the backs of surfaces is inside of something.
-const MOST_BACKS: f32 = 0.25;
+const MAX_BACKS: f32 = 0.25;
 
-/// What [`IrradianceVolume`] depends on, besides the scene.
+/// Settings of [`IrradianceVolume`], besides the scene.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct VolumeSettings {
     /// Distance between probes.
@@ -46,7 +47,7 @@ impl Default for VolumeSettings {
 }
 
 /// Coefficients of the irradiance of a probe, W/m².
-type Probe = [Vec3; MOST_COEFFICIENTS];
+type Probe = [Vec3; MAX_COEFFICIENTS];
 
 /// Probes of a scene with the light they were baked in.
 pub struct IrradianceVolume {
@@ -66,11 +67,11 @@ impl IrradianceVolume {
         if bands != 1 && bands != 2 {
             return Err(Error::Setting { name: "bands of harmonics", value: f64::from(bands), rule: "1 or 2" });
         }
-        if rays == 0 || rays > MOST_RAYS {
+        if rays == 0 || rays > MAX_RAYS {
             return Err(Error::Setting { name: "paths of a probe", value: f64::from(rays), rule: "from 1 to 2^20" });
         }
         let grid = Grid::new(scene, settings.spacing)?;
-        let probes = vec![[Vec3::ZERO; MOST_COEFFICIENTS]; grid.count()];
+        let probes = vec![[Vec3::ZERO; MAX_COEFFICIENTS]; grid.count()];
         Ok(Self { scene: scene.clone(), settings, grid, probes })
     }
 
@@ -120,7 +121,7 @@ impl IrradianceVolume {
         let turn = random_turn(seed);
         let path = PathSettings { seed, ..PathSettings::default() };
         let weight = 4.0 * PI / directions.len() as f32;
-        let mut sums = [Vec3::ZERO; MOST_COEFFICIENTS];
+        let mut sums = [Vec3::ZERO; MAX_COEFFICIENTS];
         let mut backs = 0;
         for (ray, direction) in (0..).zip(directions) {
             let direction = turn * *direction;
@@ -133,7 +134,7 @@ impl IrradianceVolume {
                 *sum += seen.radiance * (y * weight);
             }
         }
-        if !self.settings.two_sided && backs as f32 > MOST_BACKS * directions.len() as f32 {
+        if !self.settings.two_sided && backs as f32 > MAX_BACKS * directions.len() as f32 {
             return None;
         }
         sums.iter_mut().enumerate().for_each(|(k, sum)| *sum *= COSINE[band(k)]);
@@ -146,7 +147,7 @@ impl IrradianceVolume {
         let cell = self.grid.cell(probe).as_ivec3();
         let reach = counts.max_element() as i32;
         for ring in 1..=reach {
-            let mut sum = [Vec3::ZERO; MOST_COEFFICIENTS];
+            let mut sum = [Vec3::ZERO; MAX_COEFFICIENTS];
             let mut found = 0.0;
             let side = 2 * ring + 1;
             for k in 0..side * side * side {
@@ -165,7 +166,7 @@ impl IrradianceVolume {
                 return sum.map(|sum| sum / found);
             }
         }
-        [Vec3::ZERO; MOST_COEFFICIENTS]
+        [Vec3::ZERO; MAX_COEFFICIENTS]
     }
 
     fn lookup(&self, position: Vec3, normal: Vec3) -> Vec3 {

@@ -1,4 +1,4 @@
-//! What Patchlight is compared with beside path tracing.
+//! Opponents of Patchlight beside path tracing.
 //!
 //! - `Ddgi`, probes with irradiance and visibility, by a few rays of each in every frame (Majercik et al. 2019, 2021);
 //! - `Lpv`, light that goes from cell to cell of a grid (Kaplanyan and Dachsbacher 2010);

@@ -1,17 +1,17 @@
-//! Light propagation volumes, an opponent: light of virtual points goes from cell to cell of a grid, as intensity in two bands
-//! of spherical harmonics.
+//! Light propagation volumes, an opponent: light of virtual points goes from cell to cell of a grid, as intensity in
+//! two bands of spherical harmonics.
 //!
-//! Source: Kaplanyan and Dachsbacher 2010, "Cascaded Light Propagation Volumes for Real-Time Indirect Illumination" (I3D).
-//! An update casts light upon the surfaces that it meets first, puts what they reflect into cells half a cell in front of
-//! them, and moves it on: the flux that a cell sends through each of five faces of a neighbour becomes a cosine lobe there.
-//! Surfaces between cells stop it, all but in the first step, and send on what they reflect (further bounces, section 5.3). A
-//! point takes what came by, trilinear, by the cosine lobe of its normal.
+//! Source: Kaplanyan and Dachsbacher 2010, "Cascaded Light Propagation Volumes for Real-Time Indirect Illumination"
+//! (I3D). An update casts light upon the surfaces that it meets first, puts what they reflect into cells half a cell in
+//! front of them, and moves it on: the flux that a cell sends through each of five faces of a neighbour becomes a
+//! cosine lobe there. Surfaces between cells stop it, all but in the first step, and send on what they reflect (further
+//! bounces, section 5.3). A point takes what came by, trilinear, by the cosine lobe of its normal.
 //!
-//! Where the source leaves a choice: surfaces that block are taken from the scene itself, not from what lights and camera see of
-//! them. Intensity becomes radiance by what a cell's faces let through: isotropic light is 3/2 times as long in a cell as the
-//! light of a beam along an axis, for all goes along axes. Nested grids, each with cells half as large about the eye, are for
-//! scenes larger than a grid resolves; a point takes the finest that holds it, blended at its border. One grid is a cascade of one.
-//! H is indirect only, as for all methods here.
+//! Where the source leaves a choice: surfaces that block are taken from the scene itself, not from what lights and
+//! camera see of them. Intensity becomes radiance by what a cell's faces let through: isotropic light is 3/2 times as
+//! long in a cell as the light of a beam along an axis, for all goes along axes. Nested grids, each with cells half as
+//! large about the eye, are for scenes larger than a grid resolves; a point takes the finest that holds it, blended at
+//! its border. One grid is a cascade of one. H is indirect only, as for all methods here.
 //!
 //! Known biases: two bands blur directions, blockers leak, and nothing is resolved below a cell.
 
@@ -28,14 +28,14 @@ use reference::Error;
 use shadow_map::virtual_lights;
 
 /// Cells along an axis, grids, texels of a light and steps at most.
-const MOST_CELLS: u32 = 128;
-const MOST_CASCADES: u32 = 8;
-const MOST_TEXELS: u32 = 1 << 22;
-const MOST_STEPS: u32 = 1024;
+const MAX_CELLS: u32 = 128;
+const MAX_CASCADES: u32 = 8;
+const MAX_TEXELS: u32 = 1 << 22;
+const MAX_STEPS: u32 = 1024;
 /// Cells over whose width one grid blends into the next.
 const BLEND: f32 = 2.0;
 
-/// What [`Lpv`] depends on, besides the scene.
+/// Settings of [`Lpv`], besides the scene.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LpvSettings {
     /// Cells along the longest axis.
@@ -93,8 +93,8 @@ impl Lpv {
         Ok(Self { scene: scene.clone(), settings, grids })
     }
 
-    /// A whole light update: virtual points, injection and propagation. On all cores; the result does not depend on their
-    /// number.
+    /// A whole light update: virtual points, injection and propagation. On all cores; the result does not depend on
+    /// their number.
     ///
     /// # Errors
     /// [`Error::Scene`] for lighting that does not suit the scene.
@@ -143,10 +143,10 @@ impl Lpv {
 fn check(settings: &LpvSettings) -> Result<(), Error> {
     let LpvSettings { cells, cascades, texels, steps, eye, .. } = *settings;
     for (name, value, most) in [
-        ("cells of a grid", cells, MOST_CELLS),
-        ("nested grids", cascades, MOST_CASCADES),
-        ("texels of a light", texels, MOST_TEXELS),
-        ("steps of light", steps, MOST_STEPS),
+        ("cells of a grid", cells, MAX_CELLS),
+        ("nested grids", cascades, MAX_CASCADES),
+        ("texels of a light", texels, MAX_TEXELS),
+        ("steps of light", steps, MAX_STEPS),
     ] {
         if value == 0 || value > most {
             let rule = "at least 1; at most 128 cells, 8 grids, 2^22 texels, 1024 steps";

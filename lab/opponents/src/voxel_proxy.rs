@@ -2,12 +2,12 @@
 //!
 //! A voxel is occupied where triangles have area inside it (each triangle is cut at the half-open voxels exactly, so a
 //! surface in the plane between two voxels occupies one of them). The side of an occupied voxel is a face where the
-//! voxel beyond is empty. A face is one flat patch: a square of two triangles with the mean reflectance of the surface in
-//! its voxel, and with emission of the same power. A point of the true surface takes its light from the face of its
+//! voxel beyond is empty. A face is one flat patch: a square of two triangles with the mean reflectance of the surface
+//! in its voxel, and with emission of the same power. A point of the true surface takes its light from the face of its
 //! voxel that agrees best with its normal.
 //!
-//! What it cannot do is its lesson: rooms shrink by about a voxel, slanted walls become stairs with 3/2 of the area, gaps
-//! below a voxel close, and both sides of a thing thinner than a voxel move away from each other.
+//! What it cannot do is its lesson: rooms shrink by about a voxel, slanted walls become stairs with 3/2 of the area,
+//! gaps below a voxel close, and both sides of a thing thinner than a voxel move away from each other.
 
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
@@ -20,7 +20,7 @@ use reference::Error;
 /// Voxels of a grid at most, empty ones included.
 pub const VOXEL_LIMIT: u64 = 1 << 31;
 /// Surfaces that fill less than this share of a voxel's side do not occupy it.
-const LEAST_SHARE: f64 = 1e-9;
+const MIN_SHARE: f64 = 1e-9;
 /// Margin between the scene and the grid's outside, in voxel edges.
 const MARGIN: f64 = 1e-3;
 /// Points by which a clipped triangle with holes or with a picture of its emission is measured.
@@ -31,8 +31,9 @@ const FACING_SHARE: f64 = 1e-6;
 const SIDES: [(usize, f32); 6] = [(0, -1.0), (0, 1.0), (1, -1.0), (1, 1.0), (2, -1.0), (2, 1.0)];
 /// Most grids that [`VoxelProxy::for_count`] tries.
 const TRIES: u32 = 16;
-/// Most that it changes the edge by at once: voxels so large that they close a room say little of how many smaller ones make.
-const MOST_STEP: f64 = 2.0;
+/// Most that it changes the edge by at once: voxels so large that they close a room say little of how many smaller ones
+/// make.
+const MAX_STEP: f64 = 2.0;
 
 /// A face of the proxy: a square with [`VoxelProxy::edge`] as its side.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -41,8 +42,8 @@ pub struct ProxyFace {
     pub centre: Vec3,
     /// Unit normal, out of the voxel.
     pub normal: Vec3,
-    /// Mean reflectance ρ of the surface in the voxel, weighted by area and by the square of its normal along this one, fronts
-    /// only; of all surface in the voxel where no front faces this way.
+    /// Mean reflectance ρ of the surface in the voxel, weighted by area and by the square of its normal along this one,
+    /// fronts only; of all surface in the voxel where no front faces this way.
     pub albedo: Vec3,
     /// Emitted radiance, W/m²/sr: that of the surface that finds its face here, times its area over the face's.
     pub radiance: Vec3,
@@ -52,7 +53,7 @@ pub struct ProxyFace {
     side: usize,
 }
 
-/// How light is looked up between faces.
+/// Interpolation of light between faces.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum ProxyLookup {
     /// Constant on a face.
@@ -65,8 +66,8 @@ pub enum ProxyLookup {
 /// A scene made of voxel faces.
 #[derive(Clone)]
 pub struct VoxelProxy {
-    /// The faces as geometry, two triangles each (`source` is twice the face, or one more; material = face), with the lights
-    /// and the sky of the scene.
+    /// The faces as geometry, two triangles each (`source` is twice the face, or one more; material = face), with the
+    /// lights and the sky of the scene.
     pub scene: Scene,
     /// The faces.
     pub faces: Vec<ProxyFace>,
@@ -91,8 +92,8 @@ struct ClippedTriangle {
 }
 
 impl VoxelProxy {
-    /// The faces of cubic voxels with this edge, m, in a grid that is centred on the scene. On all cores; time and memory
-    /// grow with triangles + clipped triangles.
+    /// The faces of cubic voxels with this edge, m, in a grid that is centred on the scene. On all cores; time and
+    /// memory grow with triangles + clipped triangles.
     ///
     /// # Errors
     /// [`Error::Setting`] for an edge that is not positive and finite, or so small that there are more voxels than
@@ -124,7 +125,8 @@ impl VoxelProxy {
         Ok(proxy)
     }
 
-    /// The proxy for which `count` (faces, say) comes nearest to `target`: bisection of the edge, down to 2 % or 16 grids.
+    /// The proxy for which `count` (faces, say) comes nearest to `target`: bisection of the edge, down to 2 % or 16
+    /// grids.
     ///
     /// # Errors
     /// As [`VoxelProxy::new`]; [`Error::Setting`] for a target of 0.
@@ -149,7 +151,7 @@ impl VoxelProxy {
                 break;
             }
             *(if ratio > 1.0 { &mut small } else { &mut large }) = edge;
-            let estimate = edge * ratio.sqrt().clamp(1.0 / MOST_STEP, MOST_STEP);
+            let estimate = edge * ratio.sqrt().clamp(1.0 / MAX_STEP, MAX_STEP);
             let inside = estimate > small * 1.000_1 && estimate < large * 0.999_9;
             edge = if inside { estimate } else { (small * large).sqrt() };
         }
@@ -162,8 +164,8 @@ impl VoxelProxy {
         self.edge * self.edge
     }
 
-    /// `per_edge²` points on each face, face by face: centres of as many squares. `patch` is the face, weights sum to 1 on a
-    /// face.
+    /// `per_edge²` points on each face, face by face: centres of as many squares. `patch` is the face, weights sum to 1
+    /// on a face.
     pub fn points(&self, per_edge: u32) -> Vec<SurfacePoint> {
         let step = self.edge / per_edge.max(1) as f32;
         let place = |k: u32| (k as f32 + 0.5) * step - 0.5 * self.edge;
@@ -197,9 +199,10 @@ impl VoxelProxy {
         if self.faces[face as usize].normal.dot(direction) < 0.0 { face } else { NONE }
     }
 
-    /// The face that lights a point x of the true surface on the side of its normal n: of the faces of its voxel with n·e > 0
-    /// (e the face's normal) that with the greatest n·e. Where there is none, the same among the voxels round it, in shells
-    /// of growing distance; the nearest centre decides between equals. `None` for a normal that is no direction.
+    /// The face that lights a point x of the true surface on the side of its normal n: of the faces of its voxel with
+    /// n·e > 0 (e the face's normal) that with the greatest n·e. Where there is none, the same among the voxels round
+    /// it, in shells of growing distance; the nearest centre decides between equals. `None` for a normal that is no
+    /// direction.
     pub fn face_at(&self, position: Vec3, normal: Vec3) -> Option<u32> {
         if !(position.is_finite() && normal.is_finite()) || normal == Vec3::ZERO {
             return None;
@@ -380,10 +383,10 @@ fn layers(scene: &Scene, edge: f32) -> Result<[Layers; 3], Error> {
     Ok([0, 1, 2].map(|a| Layers { origin: origin[a], edge, count: counts[a] as u32 }))
 }
 
-/// What lies in each voxel, triangle by triangle.
+/// Geometry in each voxel, triangle by triangle.
 fn clipped_triangles(scene: &Scene, layers: &[Layers; 3]) -> Vec<ClippedTriangle> {
     let geometry = scene.tables();
-    let least = LEAST_SHARE * layers[0].edge * layers[0].edge;
+    let least = MIN_SHARE * layers[0].edge * layers[0].edge;
     (0..scene.geometry.triangles.len() as u32)
         .into_par_iter()
         .flat_map_iter(|triangle| {

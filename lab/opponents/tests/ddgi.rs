@@ -34,8 +34,8 @@ fn furnace(settings: DdgiSettings, frames: u32) -> f32 {
     compare(&found, &vec![Vec3::ONE; found.len()]).0
 }
 
-/// Known bias: roots of noisy sums are averaged, which darkens them. Emitters that are found by one shadow ray from each hit
-/// are noisy, by sixteen they are not.
+/// Known bias: roots of noisy sums are averaged, which darkens them. Emitters that are found by one shadow ray from
+/// each hit are noisy, by sixteen they are not.
 #[test]
 fn a_furnace_has_the_light_of_all_bounces() {
     let is_furnace = |mean: f32, tolerance: f32| (mean - 1.0).abs() < tolerance;
@@ -95,8 +95,8 @@ fn the_start_is_forgotten() {
     assert!(!is_alike(4), "a start that is not forgotten goes unnoticed");
 }
 
-/// Greatest luminance in a closed box in the sun, whose walls have no thickness, over that outside. Probes outside stay on; none
-/// is so close to a wall that its texels see it at a slant.
+/// Greatest luminance in a closed box in the sun, whose walls have no thickness, over that outside. Probes outside stay
+/// on; none is so close to a wall that its texels see it at a slant.
 fn leak(visibility: bool) -> f32 {
     let loaded = build("sealed-box").unwrap();
     let settings =
@@ -111,13 +111,14 @@ fn leak(visibility: bool) -> f32 {
 #[test]
 fn visibility_keeps_most_light_out_of_a_sealed_box() {
     let (with, without) = (leak(true), leak(false));
-    // What is left is known: the texels of a probe cannot tell the two sides of a wall without thickness apart at a slant.
+    // What is left is known: the texels of a probe cannot tell the two sides of a wall without thickness apart at a
+    // slant.
     let is_tight = |leak: f32| leak < 0.25;
     assert!(is_tight(with), "{with}");
     assert!(!is_tight(without) && without > 1.5 * with, "leaks without visibility go unnoticed: {without}");
 }
 
-/// Whether a place is well inside of the tall block of the Cornell box.
+/// Returns true if a place is well inside of the tall block of the Cornell box.
 fn is_in_block(p: Vec3) -> bool {
     p.y < 0.3 && (p.xz() - vec2(0.3685, 0.3515)).abs().max_element() < 0.05
 }

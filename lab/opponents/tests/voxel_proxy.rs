@@ -14,7 +14,7 @@ use support::{Builder, furnace};
 
 /// Five voxels of 1/4 cover the unit cube with 1/8 to spare on each side.
 const EDGE: f32 = 0.25;
-/// Of the hollow cube of 5³ voxels: outside and inside.
+/// Faces of the hollow cube of 5³ voxels: outside and inside.
 const OUTER: usize = 6 * 25;
 const INNER: usize = 6 * 9;
 
@@ -29,8 +29,8 @@ fn proxy_of(scene: &Scene) -> VoxelProxy {
     VoxelProxy::new(scene, EDGE).unwrap()
 }
 
-/// Whether the faces are those of a hollow cube: their number and area, closed (Σ A n = 0), and by the divergence theorem
-/// ⅓ Σ A c·n the volume of its voxels, which holds for outward normals only.
+/// Returns true if the faces are those of a hollow cube: their number and area, closed (Σ A n = 0), and by the
+/// divergence theorem ⅓ Σ A c·n the volume of its voxels, which holds for outward normals only.
 fn is_hollow_cube(proxy: &VoxelProxy, normal: impl Fn(Vec3) -> Vec3) -> bool {
     let (mut area, mut closure, mut volume) = (0.0, Vec3::ZERO, 0.0);
     for face in &proxy.faces {
@@ -85,7 +85,7 @@ fn points_share_a_face() {
     }
 }
 
-/// Whether the proxy's power is that of the scene's emitters.
+/// Returns true if the proxy's power is that of the scene's emitters.
 fn keeps_power(proxy: &VoxelProxy, area: f32) -> bool {
     let power: Vec3 = proxy.faces.iter().map(|f| f.radiance * proxy.face_area()).sum();
     (power / area - Vec3::ONE).abs().max_element() < 1e-4
@@ -141,8 +141,8 @@ fn reflectance_is_the_mean_of_the_voxel() {
     }
 }
 
-/// Whether the inside of a closed proxy with these faces left out is a furnace: every face shines with radiance 1 and
-/// reflects ρ = ½, so the irradiance is π/(1 − ρ) everywhere.
+/// Returns true if the inside of a closed proxy with these faces left out is a furnace: every face shines with radiance
+/// 1 and reflects ρ = ½, so the irradiance is π/(1 − ρ) everywhere.
 fn is_furnace(proxy: &VoxelProxy, missing: impl Fn(usize) -> bool) -> bool {
     let mut parts = SceneParts { materials: proxy.scene.materials.to_vec(), ..SceneParts::default() };
     parts.materials.iter_mut().for_each(|m| m.radiance = Vec3::ONE);
@@ -161,7 +161,7 @@ fn is_furnace(proxy: &VoxelProxy, missing: impl Fn(usize) -> bool) -> bool {
     (mean / (2.0 * PI) - 1.0).abs().max_element() < 0.01
 }
 
-/// Whether a face lies round the hollow of the cube.
+/// Returns true if a face lies round the hollow of the cube.
 fn is_inner(centre: Vec3) -> bool {
     (centre - Vec3::splat(0.5)).abs().max_element() < 0.4
 }
@@ -191,8 +191,8 @@ fn places() -> impl Iterator<Item = (Vec3, Vec3)> {
     })
 }
 
-/// Whether a lookup finds the face above every place: the hollow's side of the same normal, over the place or, in the
-/// corners, next to it.
+/// Returns true if a lookup finds the face above every place: the hollow's side of the same normal, over the place or,
+/// in the corners, next to it.
 fn finds_faces(proxy: &VoxelProxy, lookup: impl Fn(Vec3, Vec3) -> Option<u32>) -> bool {
     places().all(|(position, normal)| {
         let Some(found) = lookup(position, normal) else { return false };

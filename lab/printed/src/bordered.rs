@@ -3,13 +3,14 @@
 use std::collections::HashMap;
 
 use glam::{Vec3, Vec4};
-use localmatrix::{Entering, Error, MOST_SLOTS};
+use localmatrix::{Entering, Error, MAX_SLOTS};
 use rayon::prelude::*;
 
-/// The matrix of several bounces between some patches, as printed [T 4]: to a few orders of what enters, and without taking out
-/// what leaves. Rows receive, columns send; irradiance `H = T E` between the patches that are there.
+/// The matrix of several bounces between some patches, as printed [T 4]: to a few orders of what enters, and without
+/// taking out what leaves. Rows receive, columns send; irradiance `H = T E` between the patches that are there.
 ///
-/// With `f_r` the row of F of a patch that enters, `f_c` its column, c its colour and C those of the others, for each channel:
+/// With `f_r` the row of F of a patch that enters, `f_c` its column, c its colour and C those of the others, for each
+/// channel:
 ///
 /// ```text
 /// double_reflection = f_r · (C∘f_c)
@@ -38,9 +39,9 @@ impl PrintedMatrix {
     /// So many slots, all free: 12 bytes for each pair of them.
     ///
     /// # Errors
-    /// [`transport::Error::Setting`] for no slots or more than [`MOST_SLOTS`].
+    /// [`transport::Error::Setting`] for no slots or more than [`MAX_SLOTS`].
     pub fn new(slots: usize) -> Result<Self, Error> {
-        if !(1..=MOST_SLOTS).contains(&slots) {
+        if !(1..=MAX_SLOTS).contains(&slots) {
             return Err(transport::Error::Setting { name: "slots", value: slots as f64, rule: "1 to 32768" }.into());
         }
         Ok(Self {
@@ -115,8 +116,8 @@ impl PrintedMatrix {
         Ok(())
     }
 
-    /// Irradiance at visible slots from the exitance of lit ones, W/m²: the part of the matrix with the rows P_Vis and the columns
-    /// P_Lit. Other elements of `irradiance` stay as they are. Work: 3 |P_Vis| |P_Lit| multiplications.
+    /// Irradiance at visible slots from the exitance of lit ones, W/m²: the part of the matrix with the rows P_Vis and
+    /// the columns P_Lit. Other elements of `irradiance` stay as they are. Work: 3 |P_Vis| |P_Lit| multiplications.
     ///
     /// # Errors
     /// [`transport::Error::Length`] unless both have one element a slot, [`Error::NoSlot`].

@@ -14,9 +14,9 @@ pub const PRINTED_BLOCKS: BlockSettings = BlockSettings {
     filling: Filling::Zeros,
 };
 
-/// Listing 3.1: for each column, in order, the closest of all others changes places with the next column, though it may have had its
-/// place already; then the same for rows. Rows and columns change places together. Of equally close ones the first is taken; the
-/// last column has no next one.
+/// Listing 3.1: for each column, in order, the closest of all others changes places with the next column, though it may
+/// have had its place already; then the same for rows. Rows and columns change places together. Of equally close ones
+/// the first is taken; the last column has no next one.
 ///
 /// 24 n² bytes and O(n³) operations.
 pub fn printed_order(n: usize, rows: &MatrixRows) -> Permutation {

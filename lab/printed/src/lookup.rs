@@ -3,9 +3,9 @@
 use glam::{IVec3, Vec3, Vec4};
 use patches::{EMPTY_CELL, Lookup};
 
-/// The value at a surface point x with the unit normal n: over the 2×2×2 voxels about x, `Σ w_v l_v / Σ w_v` with the weights w of
-/// trilinear filtering, where `l_v = Σ_j h_j max(0, n_j·n)` is the sum, no mean, over the patches of voxel v (5.3). Voxels in
-/// which no patch looks the point's way do not count; 0 where none does.
+/// The value at a surface point x with the unit normal n: over the 2×2×2 voxels about x, `Σ w_v l_v / Σ w_v` with the
+/// weights w of trilinear filtering, where `l_v = Σ_j h_j max(0, n_j·n)` is the sum, no mean, over the patches of voxel
+/// v (5.3). Voxels in which no patch looks the point's way do not count; 0 where none does.
 ///
 /// `values` has one entry for each patch of the table.
 pub fn light_at(table: &Lookup, values: &[Vec4], x: Vec3, n: Vec3) -> Vec4 {
@@ -29,7 +29,7 @@ pub fn light_at(table: &Lookup, values: &[Vec4], x: Vec3, n: Vec3) -> Vec4 {
     if total > 0.0 { sum / total } else { Vec4::ZERO }
 }
 
-/// Where the patches of the voxel with these coordinates stand; none outside of the grid and where there are none.
+/// Position of the patches of the voxel with these coordinates; none outside of the grid and where there are none.
 fn patches_of(table: &Lookup, at: IVec3) -> Option<usize> {
     let shape = &table.params.shape;
     if at.min_element() < 0 || at.as_uvec3().cmpge(shape.counts()).any() {

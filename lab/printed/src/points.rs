@@ -3,8 +3,8 @@
 use formfactor::{Error, Estimator, Hemisphere};
 use transport::Surfaces;
 
-/// One ray from the first point of a row to each centre: `F_ij = s_j cosθ_i cosθ_j V / (π r²)` (5.1), which passes 1 where patches
-/// touch.
+/// One ray from the first point of a row to each centre: `F_ij = s_j cosθ_i cosθ_j V / (π r²)` (5.1), which passes 1
+/// where patches touch.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct PrintedPoints {
     /// Rays a row to the sky.

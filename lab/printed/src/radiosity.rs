@@ -63,8 +63,8 @@ impl<'a> PrintedRadiosity<'a> {
         Ok(Self { scene, set: made.set, factors, sky, most_entries, voxel_samples, table, seed: settings.seed })
     }
 
-    /// First exitance of the patches, W/m²: `E_j = Σ_i e_i max(0, N_j·n_i)` over the points of the patch's voxel [T 5.8], where
-    /// `e_i` is what the point sends of the light that falls on it, by so many rays to area lights.
+    /// First exitance of the patches, W/m²: `E_j = Σ_i e_i max(0, N_j·n_i)` over the points of the patch's voxel [T
+    /// 5.8], where `e_i` is what the point sends of the light that falls on it, by so many rays to area lights.
     pub fn source(&self, lighting: &Lighting, rays: u32) -> Vec<Vec4> {
         let samples = &self.set.samples;
         let point =

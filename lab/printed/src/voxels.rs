@@ -12,9 +12,9 @@ use scene::Scene;
 use transport::Dense;
 
 /// Parts of a normal along an axis that are smaller make no patch: they are rounding.
-const LEAST_PART: f32 = 1e-6;
-/// Rays from each face of a voxel. The thesis leaves their number open; the form factors of all pairs of points cost its
-/// square.
+const MIN_PART: f32 = 1e-6;
+/// Rays from each face of a voxel. The thesis leaves their number open; the form factors of all pairs of points cost
+/// its square.
 const POINTS: u32 = 4;
 /// Patches of a voxel after merging.
 pub const PRINTED_PATCHES: usize = 4;
@@ -44,7 +44,7 @@ pub struct PrintedPatches {
     pub most_entries: usize,
 }
 
-/// How the points of a voxel become patches.
+/// Rule that makes patches of the points of a voxel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Form {
     /// The closest points are merged: [`printed_cluster_patches`].
@@ -56,7 +56,7 @@ pub enum Form {
 /// Settings of [`printed_samples`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PrintedSettings {
-    /// What patches are.
+    /// Form of patches.
     pub form: Form,
     /// About how many patches.
     pub count: usize,
@@ -66,8 +66,9 @@ pub struct PrintedSettings {
     pub seed: u32,
 }
 
-/// Voxels, and the points in them [T 5.1] to [T 5.4]: the first surface that a ray meets, with the normal of its triangle and
-/// the area of the triangle over the number of its points. All surfaces take part, whether light reaches them or not.
+/// Voxels, and the points in them [T 5.1] to [T 5.4]: the first surface that a ray meets, with the normal of its
+/// triangle and the area of the triangle over the number of its points. All surfaces take part, whether light reaches
+/// them or not.
 ///
 /// # Errors
 /// What [`Grid::for_count`] and [`sample_voxels`] say.
@@ -95,8 +96,8 @@ pub fn printed_samples(scene: &Scene, settings: &PrintedSettings) -> Result<(Gri
     Ok((grid, set))
 }
 
-/// The area of the whole triangle over all of its samples, in whatever voxel and from whichever side they were seen, and the normal
-/// of its front [T 5.4]. Triangles that no ray met are lost.
+/// The area of the whole triangle over all of its samples, in whatever voxel and from whichever side they were seen,
+/// and the normal of its front [T 5.4]. Triangles that no ray met are lost.
 fn give_whole_triangles(scene: &Scene, samples: &mut [Sample]) {
     let mut counts = vec![0u32; scene.geometry.triangles.len()];
     samples.iter().for_each(|s| counts[s.triangle as usize] += 1);
@@ -109,12 +110,13 @@ fn give_whole_triangles(scene: &Scene, samples: &mut [Sample]) {
 }
 
 /// Merges the points of each voxel, always the two clusters with the least
-/// `M(i,j) = (1 + |c_i − c_j|)(2 − n_i·n_j)(1 + √Σ_k((F_ik − F_jk)² + (F_ki − F_kj)²))`, c their colours, until `most` are left
-/// [T 5.7]. Merged are rows, colours and normals as means by area, columns and areas as sums (5.2).
+/// `M(i,j) = (1 + |c_i − c_j|)(2 − n_i·n_j)(1 + √Σ_k((F_ik − F_jk)² + (F_ki − F_kj)²))`, c their colours, until `most`
+/// are left [T 5.7]. Merged are rows, colours and normals as means by area, columns and areas as sums (5.2).
 ///
-/// One voxel follows the other: the rows of its points over all columns are found when its turn comes, columns of voxels before
-/// it are merged already, and of its rows those of its clusters are kept. Columns follow from rows, `s_k F_ki = s_i F_ik`, which
-/// (5.1) has and (5.2) keeps. Work: points² rows, and points · (points of a voxel)² for the metric.
+/// One voxel follows the other: the rows of its points over all columns are found when its turn comes, columns of
+/// voxels before it are merged already, and of its rows those of its clusters are kept. Columns follow from rows, `s_k
+/// F_ki = s_i F_ik`, which (5.1) has and (5.2) keeps. Work: points² rows, and points · (points of a voxel)² for the
+/// metric.
 ///
 /// # Errors
 /// [`Error::Length`] for rows of another length, what `rows` says.
@@ -141,8 +143,8 @@ pub fn printed_cluster_patches(
     done.finish(set.samples)
 }
 
-/// First exitance of patches, W/m²: `E_j = Σ_i e_i max(0, N_j·n_i)` over the points of the patch's voxel [T 5.8], with what the points
-/// send, `sent`, one entry a sample, and the samples of each patch's voxel.
+/// First exitance of patches, W/m²: `E_j = Σ_i e_i max(0, N_j·n_i)` over the points of the patch's voxel [T 5.8], with
+/// what the points send, `sent`, one entry a sample, and the samples of each patch's voxel.
 pub fn printed_source(set: &PatchSet, voxel_samples: &[Range<usize>], sent: &[Vec3]) -> Vec<Vec3> {
     let exitance = |(patch, range): (&VirtualPatch, &Range<usize>)| {
         range.clone().map(|k| sent[k] * patch.normal.dot(set.samples[k].normal).max(0.0)).sum()
@@ -367,12 +369,13 @@ fn mean_position(samples: &[Sample], members: &[Member]) -> Vec3 {
     members.iter().map(part).sum::<DVec3>().as_vec3()
 }
 
-/// The directions of axes that samples look to, with the samples and `max(0, n·e)` of each: 0 to 5 are +x, −x, +y, −y, +z, −z.
+/// The directions of axes that samples look to, with the samples and `max(0, n·e)` of each: 0 to 5 are +x, −x, +y, −y,
+/// +z, −z.
 fn axes(samples: &[Sample]) -> BTreeMap<usize, Vec<(usize, f64)>> {
     let mut axes: BTreeMap<usize, Vec<(usize, f64)>> = BTreeMap::new();
     for (k, sample) in samples.iter().enumerate() {
         for (axis, n) in sample.normal.to_array().into_iter().enumerate() {
-            if n.abs() > LEAST_PART {
+            if n.abs() > MIN_PART {
                 axes.entry(2 * axis + usize::from(n < 0.0)).or_default().push((k, f64::from(n.abs())));
             }
         }
@@ -380,12 +383,12 @@ fn axes(samples: &[Sample]) -> BTreeMap<usize, Vec<(usize, f64)>> {
     axes
 }
 
-/// A patch for each direction of an axis that points of a voxel look to [T 5.9]. With `w = max(0, n·e)` a point gives a patch with w
-/// times its row, its column, its colour and its area; those of one direction are merged by (5.2). So the colour is weighted
-/// twice, `c = Σ w² s c / Σ w s`, and rows and columns sum to less than those of the points.
+/// A patch for each direction of an axis that points of a voxel look to [T 5.9]. With `w = max(0, n·e)` a point gives a
+/// patch with w times its row, its column, its colour and its area; those of one direction are merged by (5.2). So the
+/// colour is weighted twice, `c = Σ w² s c / Σ w s`, and rows and columns sum to less than those of the points.
 ///
-/// Rows of points are found voxel by voxel. For the merged columns section 5.9 prints `Σ s_i F_hi` beside (5.2), an area
-/// in the place of a share; they are those of (5.2), `Σ F_hi`.
+/// Rows of points are found voxel by voxel. For the merged columns section 5.9 prints `Σ s_i F_hi` beside (5.2), an
+/// area in the place of a share; they are those of (5.2), `Σ F_hi`.
 ///
 /// # Errors
 /// As [`printed_cluster_patches`].

@@ -1,5 +1,5 @@
-//! Hierarchical radiosity: triangles are split where they exchange much light, and light goes between parts of any size (Hanrahan,
-//! Salzman and Aupperle 1991).
+//! Hierarchical radiosity: triangles are split where they exchange much light, and light goes between parts of any size
+//! (Hanrahan, Salzman and Aupperle 1991).
 
 use formfactor::{Error, polygon_point, polygon_to_polygon, recurrence};
 use glam::{DVec3, Vec2, Vec3};
@@ -10,13 +10,13 @@ use scene::{NONE, Visibility};
 use transport::Polygon;
 
 /// Pairs of triangles that are tried at first, and links, at most.
-const MOST_PAIRS: u64 = 1 << 26;
+const MAX_PAIRS: u64 = 1 << 26;
 /// Passes at most.
-const MOST_PASSES: u32 = 10_000;
+const MAX_PASSES: u32 = 10_000;
 /// Places along an edge at which the light of a part is looked up, at most.
-const MOST_PLACES: f32 = 32.0;
+const MAX_PLACES: f32 = 32.0;
 
-/// What light is exchanged between.
+/// Surfaces that exchange light.
 pub struct HierarchicalScene<'a> {
     /// Corners of the triangles, m, counter-clockwise from the side that sends and receives.
     pub triangles: &'a [[Vec3; 3]],
@@ -28,7 +28,7 @@ pub struct HierarchicalScene<'a> {
     pub light: &'a (dyn Fn(usize, Vec2) -> (Vec3, Vec3) + Sync),
 }
 
-/// How finely triangles are split.
+/// Settings of the subdivision of triangles.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HierarchicalSettings {
     /// Most power that a link carries unsplit, as a share of the emitted power.
@@ -110,7 +110,7 @@ impl HierarchicalSolution {
     }
 }
 
-/// How far a place lies outside of a node, in shares; not positive inside.
+/// Distance of a place outside of a node, in shares; not positive inside.
 fn outside(node: &Node, at: Vec2) -> f32 {
     let [a, b, c] = node.shares;
     let beyond = |from: Vec2, to: Vec2| -(to - from).perp_dot(at - from);
@@ -119,14 +119,15 @@ fn outside(node: &Node, at: Vec2) -> f32 {
 
 /// Solves `B = E + ρ H`, H the irradiance that all parts of all triangles send each other.
 ///
-/// A link is split while it carries more than a share of the emitted power, `max(B_a, B_b) A_a F_ab > ε Σ A E` (BF refinement), at
-/// its larger end as long as that may be split. Form factors are exact where nothing is in the way ([`formfactor::Contour`]),
-/// shadow rays tell what is. Each pass gathers over the links of all levels, pushes irradiance down to the leaves and pulls
-/// exitance up as means; then links are tried again with the new exitances, until none is split and the light stays.
+/// A link is split while it carries more than a share of the emitted power, `max(B_a, B_b) A_a F_ab > ε Σ A E` (BF
+/// refinement), at its larger end as long as that may be split. Form factors are exact where nothing is in the way
+/// ([`formfactor::Contour`]), shadow rays tell what is. Each pass gathers over the links of all levels, pushes
+/// irradiance down to the leaves and pulls exitance up as means; then links are tried again with the new exitances,
+/// until none is split and the light stays.
 ///
 /// # Errors
-/// [`transport::Error::Setting`]; [`transport::Error::TooMany`] for more pairs of triangles or links than fit into memory;
-/// [`transport::Error::Value`] for a triangle without area.
+/// [`transport::Error::Setting`]; [`transport::Error::TooMany`] for more pairs of triangles or links than fit into
+/// memory; [`transport::Error::Value`] for a triangle without area.
 pub fn hierarchical(scene: &HierarchicalScene, settings: &HierarchicalSettings) -> Result<HierarchicalSolution, Error> {
     let HierarchicalSettings { error, least_area, tolerance, .. } = *settings;
     for (name, value) in [("error", error), ("least_area", least_area), ("tolerance", tolerance)] {
@@ -143,7 +144,7 @@ pub fn hierarchical(scene: &HierarchicalScene, settings: &HierarchicalSettings) 
         let change = solver.gather();
         passes += 1;
         pairs = solver.split_links();
-        if (pairs.is_empty() && change <= tolerance) || passes == MOST_PASSES {
+        if (pairs.is_empty() && change <= tolerance) || passes == MAX_PASSES {
             break;
         }
     }
@@ -180,7 +181,7 @@ impl<'a> Solver<'a> {
 
     /// A node with the means of source and albedo over about as many places as it may have parts.
     fn node(&self, polygon: Polygon, triangle: u32, shares: [Vec2; 3]) -> Node {
-        let n = scene::math::sqrt(polygon.area as f32 / self.settings.least_area).ceil().clamp(1.0, MOST_PLACES) as u32;
+        let n = scene::math::sqrt(polygon.area as f32 / self.settings.least_area).ceil().clamp(1.0, MAX_PLACES) as u32;
         let (mut source, mut albedo) = (Vec3::ZERO, Vec3::ZERO);
         let mut add = |x: f32, y: f32| {
             let at = shares[0] + (shares[1] - shares[0]) * (x / n as f32) + (shares[2] - shares[0]) * (y / n as f32);
@@ -383,8 +384,8 @@ fn brightness(exitance: Vec3) -> f64 {
 }
 
 fn check_count(name: &'static str, found: u64) -> Result<(), Error> {
-    if found > MOST_PAIRS {
-        return Err(transport::Error::TooMany { name, found, limit: MOST_PAIRS }.into());
+    if found > MAX_PAIRS {
+        return Err(transport::Error::TooMany { name, found, limit: MAX_PAIRS }.into());
     }
     Ok(())
 }

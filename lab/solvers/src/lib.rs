@@ -1,8 +1,9 @@
 //! Classic solvers of `B = E + ρ∘(F B)` as methods of frames, to compare the project's own with: [`Solved`] puts any
 //! [`Solver`] between the stages of a frame by [`patchlight::Renderer::with_method`].
 //!
-//! Gauss-Seidel, LU and shooting are those of `formfactor`. Beside them stand Monte Carlo radiosity, [`stochastic_jacobi`] and
-//! [`random_walks`], and [`hierarchical`] radiosity, whose links go between parts of any size. Exitance and irradiance are W/m².
+//! Gauss-Seidel, LU and shooting are those of `formfactor`. Beside them stand Monte Carlo radiosity,
+//! [`stochastic_jacobi`] and [`random_walks`], and [`hierarchical`] radiosity, whose links go between parts of any
+//! size. Exitance and irradiance are W/m².
 
 mod hierarchical;
 mod monte_carlo;

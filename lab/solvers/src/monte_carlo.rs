@@ -1,5 +1,5 @@
-//! Monte Carlo solvers of `B = E + ρ∘(F B)`: power goes from patch to patch by chance, with the form factors as probabilities
-//! (Shirley 1991; Neumann 1995; Bekaert 1999; A. S. Shcherbakov, thesis, 2.2.5).
+//! Monte Carlo solvers of `B = E + ρ∘(F B)`: power goes from patch to patch by chance, with the form factors as
+//! probabilities (Shirley 1991; Neumann 1995; Bekaert 1999; A. S. Shcherbakov, thesis, 2.2.5).
 
 use formfactor::{Error, Solution, Stop, check_inputs};
 use glam::{Vec3, Vec4};
@@ -8,9 +8,9 @@ use scene::sampling::{hash3, unit};
 use transport::{Csr, check_length};
 
 /// Albedo from which a walk goes on with this probability, however bright the surface.
-const MOST_SURVIVAL: f32 = 0.98;
+const MAX_SURVIVAL: f32 = 0.98;
 /// Steps of a walk, and iterations, at most.
-const MOST_STEPS: u32 = 10_000;
+const MAX_STEPS: u32 = 10_000;
 
 /// Sampling of Monte Carlo solvers.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -49,7 +49,7 @@ impl<'a> Rows<'a> {
         Ok(Self { factors, sums, area })
     }
 
-    /// Where a sample of patch i arrives, for a random number in [0, 1); nowhere if it escapes.
+    /// Patch where a sample of patch i arrives, for a random number in [0, 1); nowhere if it escapes.
     fn target(&self, i: usize, random: f32) -> Option<usize> {
         let own = self.factors.row_start[i] as usize..self.factors.row_start[i + 1] as usize;
         let at = self.sums[own.clone()].partition_point(|&sum| sum <= random);
@@ -72,13 +72,13 @@ fn random(sample: u32, k: u32, seed: u32) -> f32 {
     unit(hash3(sample, k, seed))
 }
 
-/// Stochastic Jacobi iteration (incremental shooting; Neumann 1995): in each iteration the power that is not yet sent is cut
-/// into samples, as many as its share of the emitted power asks for, each from a patch chosen by power and to one chosen by form
-/// factor; what arrives is reflected in the next. F must be reciprocal for the areas a, `a_i F_ij = a_j F_ji`
-/// ([`formfactor::reciprocal`]): then the mean over seeds is the exact solution.
+/// Stochastic Jacobi iteration (incremental shooting; Neumann 1995): in each iteration the power that is not yet sent
+/// is cut into samples, as many as its share of the emitted power asks for, each from a patch chosen by power and to
+/// one chosen by form factor; what arrives is reflected in the next. F must be reciprocal for the areas a, `a_i F_ij =
+/// a_j F_ji` ([`formfactor::reciprocal`]): then the mean over seeds is the exact solution.
 ///
-/// Shapes: `factors` n × n, `area` m², `source` (E, W/m²) and `albedo` `[n]`. Ends as [`Stop`] says, the tolerance a share of
-/// the emitted power.
+/// Shapes: `factors` n × n, `area` m², `source` (E, W/m²) and `albedo` `[n]`. Ends as [`Stop`] says, the tolerance a
+/// share of the emitted power.
 ///
 /// # Errors
 /// As [`formfactor::jacobi`]; [`transport::Error::Value`] for an area that is not positive.
@@ -93,7 +93,7 @@ pub fn stochastic_jacobi(
     let rows = Rows::new(factors, area, source, albedo)?;
     let (most, tolerance) = match stop {
         Stop::Bounces(bounces) => (bounces, 0.0),
-        Stop::Tolerance(tolerance) => (MOST_STEPS, tolerance),
+        Stop::Tolerance(tolerance) => (MAX_STEPS, tolerance),
     };
     let mut unsent = rows.power(source);
     let emitted: f32 = unsent.iter().map(|&power| luminance(power)).sum();
@@ -107,7 +107,8 @@ pub fn stochastic_jacobi(
         let count = (samples.count as f32 * left / emitted).ceil().max(1.0);
         let seed = hash3(iterations, 0x6a61_636f, samples.seed);
         let mut arrived = vec![Vec3::ZERO; source.len()];
-        // One random number for all patches: sample k begins where the sum of the power passes (k + random) / count of all.
+        // One random number for all patches: sample k begins where the sum of the power passes (k + random) / count of
+        // all.
         let (mut sum, mut next) = (0.0f64, 0u32);
         let first = f64::from(random(0, 1, seed));
         for (i, &power) in unsent.iter().enumerate() {
@@ -135,9 +136,9 @@ pub fn stochastic_jacobi(
     Solution::of(factors, source, albedo, rows.irradiance(&received), iterations)
 }
 
-/// Random walks that shoot (Shirley 1991): each sample leaves a patch chosen by emitted power, goes on to patches chosen by form
-/// factor, counts where it arrives, and is reflected with the probability of the brightest channel of the albedo there. F as for
-/// [`stochastic_jacobi`]. `iterations` of the result are all steps.
+/// Random walks that shoot (Shirley 1991): each sample leaves a patch chosen by emitted power, goes on to patches
+/// chosen by form factor, counts where it arrives, and is reflected with the probability of the brightest channel of
+/// the albedo there. F as for [`stochastic_jacobi`]. `iterations` of the result are all steps.
 ///
 /// # Errors
 /// As [`stochastic_jacobi`].
@@ -164,11 +165,11 @@ pub fn random_walks(
         sum += share;
         while f64::from(next) + first < sum {
             let (mut i, mut carried) = (start, power / share as f32);
-            for step in 0..MOST_STEPS {
+            for step in 0..MAX_STEPS {
                 let Some(j) = rows.target(i, random(next, 2 * step + 2, samples.seed)) else { break };
                 steps = steps.saturating_add(1);
                 received[j] += carried;
-                let survival = albedo[j].truncate().max_element().min(MOST_SURVIVAL);
+                let survival = albedo[j].truncate().max_element().min(MAX_SURVIVAL);
                 if random(next, 2 * step + 3, samples.seed) >= survival {
                     break;
                 }

@@ -13,10 +13,10 @@ use scene::Hit;
 use crate::hierarchical::{HierarchicalScene, HierarchicalSettings, HierarchicalSolution, hierarchical};
 use crate::monte_carlo::{Samples, random_walks, stochastic_jacobi};
 
-/// How much is left when an iteration ends: of the greatest exitance, or of the emitted power.
+/// Remainder at which an iteration ends: of the greatest exitance, or of the emitted power.
 const TOLERANCE: f32 = 1e-4;
 
-/// How `B = E + ρ∘(F B)` is solved.
+/// Solver of `B = E + ρ∘(F B)`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Solver {
     /// Gathering in place, [`gauss_seidel`].
@@ -176,7 +176,7 @@ impl Sides {
     }
 }
 
-/// What hierarchical radiosity holds after a solution.
+/// Links of hierarchical radiosity after a solution.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct LinkCount {
     /// Links between parts.

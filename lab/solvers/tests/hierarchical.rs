@@ -87,7 +87,8 @@ fn the_white_furnace_is_even() {
     for albedo in [0.0, 0.3, 0.8] {
         let light = |_: usize, _: Vec2| (Vec3::new(3.0, 2.0, 1.0), Vec3::splat(albedo));
         let expected = Vec3::new(3.0, 2.0, 1.0) / (1.0 - albedo);
-        // A part takes the light of its whole from links that are not split: right in the mean, and everywhere once all are.
+        // A part takes the light of its whole from links that are not split: right in the mean, and everywhere once all
+        // are.
         for (error, everywhere) in [(1e-4, 0.4), (1e-9, 5e-3)] {
             let found = solve(&scene, &room, &light, &settings(error, 0.04));
             for triangle in 0..room.len() {

@@ -23,7 +23,8 @@ fn factors() -> (Csr, Vec<f32>) {
     (factors, area)
 }
 
-/// Mean over the patches of the square of the error of the irradiance, and of its mean over solutions, relative to the exact one.
+/// Mean over the patches of the square of the error of the irradiance, and of its mean over solutions, relative to the
+/// exact one.
 fn errors_of(solutions: &[Solution], exact: &Solution) -> (f64, f64) {
     let square = |v: Vec4| f64::from(v.truncate().length_squared());
     let whole: f64 = exact.irradiance.iter().map(|&h| square(h)).sum();

@@ -1,8 +1,8 @@
 #![no_std]
 //! Light in a room by every method crate, with `alloc` alone.
 //!
-//! Built for a target without `std` it shows that the method crates need none; its test compares what comes out with numbers
-//! that are the same with `std`.
+//! Built for a target without `std` it shows that the method crates need none; its test compares what comes out with
+//! numbers that are the same with `std`.
 
 extern crate alloc;
 
@@ -22,10 +22,10 @@ use scene::{BvhNode, DirectParams, LIGHT_POINT, Light, Material, NONE, Scene, Sc
 use temporal::{AliasTables, Packing, Settings, State};
 use transport::{Csr, HitCounts, LinearOperator, spatial_order};
 
-/// What can go wrong in any of the crates.
+/// Errors of any of the crates.
 pub type Error = Box<dyn core::error::Error>;
 
-/// What the crates gave.
+/// Results of the crates.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Results {
     /// Hashes of all bits.
@@ -59,7 +59,8 @@ fn square(corner: Vec3, a: Vec3, b: Vec3, material: u32) -> [Triangle; 2] {
     [half(corner, a, b), half(corner + a + b, -a, -b)]
 }
 
-/// A lamp in a room of 2 m × 1 m × 1.5 m with one red wall, all triangles in one leaf: with the same hierarchy they have the same numbers.
+/// A lamp in a room of 2 m × 1 m × 1.5 m with one red wall, all triangles in one leaf: with the same hierarchy they
+/// have the same numbers.
 ///
 /// # Errors
 /// None that is known.

@@ -1,4 +1,4 @@
-//! The same results with `std` (as `cargo test --workspace` builds the crates) and without (`cargo test -p one-core`).
+//! Equal results with `std` (as `cargo test --workspace` builds the crates) and without (`cargo test -p one-core`).
 
 /// The rounded results differ by single precision in sums of a hundred terms.
 const TOLERANCE: f32 = 1e-4;
@@ -33,5 +33,5 @@ const EXACT: [(&str, u32); 14] = [
     ("sampled frames", 2442721897),
     ("photons", 3595751745),
 ];
-/// The same light by three solvers.
+/// Light by three solvers.
 const ROUNDED: [(&str, f32); 3] = [("all bounces", 1.26075), ("low rank", 1.26075), ("round a camera", 1.26075)];

@@ -20,8 +20,8 @@ use super::{Bytes, Data, Random, Tables, buffer, call, offsets, room};
 /// Red and blue of the chroma axes.
 const CHROMA_AXES: Vec4 = Vec4::new(0.8, -0.6, 0.6, 0.8);
 
-/// Packed groups of two blocks, for one colour or for all, of short and long elements, and their words: those of a run of
-/// [`TILE_RUNS`] have equal channels and bits.
+/// Packed groups of two blocks, for one colour or for all, of short and long elements, and their words: those of a run
+/// of [`TILE_RUNS`] have equal channels and bits.
 fn tile_groups(r: &mut Random) -> (Vec<PackedGroup>, Vec<u32>) {
     let (mut start, n) = (0, TILE_RUNS[TILE_RUNS.len() - 1]);
     let groups = (0..n).map(|k| {

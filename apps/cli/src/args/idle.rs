@@ -1,4 +1,5 @@
-//! Options that have nothing to do in a run of `render`, `bake` or `info`: one table each says which options are for which runs.
+//! Options that have nothing to do in a run of `render`, `bake` or `info`: one table each says which options are for
+//! which runs.
 
 use super::Render;
 use crate::bake::Bake;
@@ -119,12 +120,12 @@ pub const RULES: &[Rule<Render>] = &[
     },
 ];
 
-/// Whether a run makes patches.
+/// Returns true if a run makes patches.
 fn makes_patches(args: &Render, input: Input) -> bool {
     input == Input::Scene && args.method != Method::Path
 }
 
-/// The same for `bake`.
+/// Rules for `bake`.
 pub const BAKE_RULES: &[Rule<Bake>] = &[
     Rule {
         options: &["codec"],
@@ -160,7 +161,7 @@ pub const BAKE_RULES: &[Rule<Bake>] = &[
     },
 ];
 
-/// The same for `info`.
+/// Rules for `info`.
 pub const INFO_RULES: &[Rule<()>] = &[Rule {
     options: &["patches", "patch_count", "voxel_size", "focus", "operator", "codec", "epsilon", "decode"],
     whom: "scenes, not bakes",

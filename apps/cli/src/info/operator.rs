@@ -58,7 +58,7 @@ struct Stored {
     spectral_radius: f32,
     #[serde(skip_serializing_if = "Option::is_none")]
     tiles: Option<Ranks>,
-    /// What decodes texture blocks in frames on the device.
+    /// Decoder of texture blocks in frames on the device.
     #[serde(skip_serializing_if = "Option::is_none")]
     decode: Option<&'static str>,
     /// Mean squared error of the entries that texture blocks hold, for some orders of rows and columns.
@@ -67,7 +67,7 @@ struct Stored {
     seconds: f64,
 }
 
-/// What tiles are made of.
+/// Ranks of the tiles.
 #[derive(Serialize)]
 struct Ranks {
     /// Tiles without rank-1 terms or entries, with entries only, with rank-1 terms.
@@ -104,18 +104,18 @@ impl Ranks {
     }
 }
 
-/// What operators are made of.
+/// Inputs of operators.
 pub(super) struct Source<'a> {
     pub loaded: &'a LoadedScene,
     pub mesh: &'a PatchMesh,
     pub settings: &'a BakeSettings,
 }
 
-/// What there is to store, and lights to measure it with.
+/// The operator to store, and lights to measure it with.
 struct Subject<'a> {
     mesh: &'a PatchMesh,
     factors: SymmetricFactors,
-    /// Of all bounces, for red, green and blue.
+    /// Operators of all bounces, for red, green and blue.
     operators: [Mat<f32>; 3],
     /// The scene's own light first.
     lights: Vec<Vec<Vec4>>,

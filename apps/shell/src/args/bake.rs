@@ -9,7 +9,7 @@ use super::common::parse_metres;
 use super::definition::RESEARCH;
 use super::patches::{FormFactors, PatchOptions, ReceiverPlaces};
 
-/// What a bake is made with.
+/// Settings of a bake.
 #[derive(Args, Clone, Copy, Debug, PartialEq)]
 pub struct BakeOptions {
     /// Its patches.
@@ -18,7 +18,7 @@ pub struct BakeOptions {
     /// Bounces: a number, or all.
     #[arg(long, value_name = "K", default_value = "all", value_parser = parse_bounces, help_heading = "Method")]
     pub bounces: Bounces,
-    /// Where irradiance is gathered.
+    /// Points where irradiance is gathered.
     #[arg(long, value_enum, default_value_t = ReceiverPlaces::Mesh, help_heading = RESEARCH)]
     pub receivers: ReceiverPlaces,
     /// Distance between receivers where light is even, m.

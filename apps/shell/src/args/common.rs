@@ -46,7 +46,7 @@ impl Common {
     }
 }
 
-/// How lights move.
+/// Motion of the lights.
 #[derive(ValueEnum, Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Animate {
     /// Along the scene's own path, or a made-up one; the camera too.
@@ -88,13 +88,13 @@ impl Patches {
 /// Times at which a camera that moves is asked where it is.
 const EYES: u16 = 9;
 
-/// Where people look.
+/// Viewing area.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum FocusChoice {
     /// In enclosed space.
     #[default]
     Auto,
-    /// Where the camera is.
+    /// The room about the camera.
     Camera,
     /// In a box.
     Box {
@@ -142,12 +142,12 @@ pub fn parse_focus(text: &str) -> Result<FocusChoice, String> {
 }
 
 /// Threads that may be asked for on any machine, and for each of its cores: more only wait for each other.
-const MOST_THREADS: usize = 64;
+const MAX_THREADS: usize = 64;
 const THREADS_A_CORE: usize = 4;
 
 fn parse_threads(text: &str) -> Result<usize, String> {
     let cores = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
-    let most = MOST_THREADS.max(THREADS_A_CORE * cores);
+    let most = MAX_THREADS.max(THREADS_A_CORE * cores);
     match text.parse() {
         Ok(threads) if threads <= most => Ok(threads),
         _ => Err(format!("`{text}` is no number from 0 to {most} (this machine has {cores} cores)")),
@@ -213,7 +213,7 @@ pub fn parse_size(text: &str) -> Result<(u32, u32), String> {
     Ok((width, height))
 }
 
-/// How the camera moves.
+/// Motion of the camera.
 #[derive(ValueEnum, Clone, Copy, Debug, PartialEq, Eq)]
 pub enum CameraPath {
     /// Along the scene, from one end to the other.

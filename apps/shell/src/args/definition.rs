@@ -1,4 +1,4 @@
-//! How a program's command line is defined and read.
+//! Definition and parsing of a program's command line.
 
 use std::ffi::OsString;
 
@@ -9,8 +9,8 @@ pub const RESEARCH: &str = "Research";
 /// The option that shows them.
 const SHOW_RESEARCH: &str = "--help-research";
 
-/// The definition of a program: numbers below 0 are values, which are refused by name where they cannot stand; options of
-/// research are hidden.
+/// The definition of a program: numbers below 0 are values, which are refused by name where they cannot stand; options
+/// of research are hidden.
 pub fn definition<T: Parser>() -> Command {
     of_all(T::command(), &|command| {
         let command = command.mut_args(|arg| {
@@ -32,7 +32,7 @@ pub fn definition<T: Parser>() -> Command {
     })
 }
 
-/// Where the hidden options are shown.
+/// Pointer to the hidden options.
 const POINTER: &str = "Options for measurements: --help-research";
 
 /// The definition with all options in its help.
@@ -45,8 +45,8 @@ fn of_all(command: Command, change: &dyn Fn(Command) -> Command) -> Command {
     change(command.mut_subcommands(|command| of_all(command, change)))
 }
 
-/// Reads the command line; what is wrong with it ends the process with exit code 2. Also gives what was found, for questions
-/// that only it answers.
+/// Reads the command line; what is wrong with it ends the process with exit code 2. Also gives what was found, for
+/// questions that only it answers.
 pub fn read<T: Parser>() -> (T, ArgMatches) {
     let arguments: Vec<OsString> = std::env::args_os().collect();
     let is_research = |argument: &OsString| argument == SHOW_RESEARCH;

@@ -1,4 +1,5 @@
-//! Options that have nothing to do in a run of a command: a table for each command says which options are for which runs.
+//! Options that have nothing to do in a run of a command: a table for each command says which options are for which
+//! runs.
 
 use clap::ArgMatches;
 use clap::parser::ValueSource;
@@ -10,13 +11,13 @@ use crate::progress::Progress;
 pub struct Rule<T: 'static> {
     /// Their names, as the program has them.
     pub options: &'static [&'static str],
-    /// What they are for, as the user reads it.
+    /// Their purpose, as the user reads it.
     pub whom: &'static str,
-    /// Whether a run with these options, and this input, is one of these.
+    /// Returns true if a run with these options, and this input, is one of these.
     pub suits: fn(&T, Input) -> bool,
 }
 
-/// What there is to say of the options that were given, and that the run ignores.
+/// Warnings about given options that the run ignores.
 pub fn idle_options<T>(rules: &[Rule<T>], matches: &ArgMatches, (args, input): (&T, Input)) -> Vec<String> {
     let given = |option: &str| matches.value_source(option) == Some(ValueSource::CommandLine);
     let idle = rules.iter().filter(|rule| !(rule.suits)(args, input));

@@ -1,11 +1,11 @@
-//! What a command is given to read.
+//! Inputs of commands.
 
 use std::io::Read as _;
 use std::path::Path;
 
 use patchlight::file::{BakeKind, HEAD_BYTES, kind_of};
 
-/// What lies under a name that a command is given.
+/// Kind of file or folder under a name that a command is given.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Input {
     /// A scene file, or a built-in scene.
@@ -29,7 +29,7 @@ impl Input {
     }
 }
 
-/// What kind of bake a file is, if any.
+/// Kind of bake in a file, if any.
 pub fn kind(path: &Path) -> Option<BakeKind> {
     let mut head = Vec::new();
     scene::host::open_regular(path).ok()?.take(HEAD_BYTES).read_to_end(&mut head).ok()?;

@@ -11,9 +11,9 @@ pub struct LocalArgs {
     /// Patches in the matrix round the camera (local).
     ///
     /// Merged patches count as one; the matrix takes 16 bytes for each pair.
-    #[arg(long, value_name = "N", default_value_t = LocalSettings::DEFAULT.slots as u32, value_parser = clap::value_parser!(u32).range(4..=localmatrix::MOST_SLOTS as i64), help_heading = "Method")]
+    #[arg(long, value_name = "N", default_value_t = LocalSettings::DEFAULT.slots as u32, value_parser = clap::value_parser!(u32).range(4..=localmatrix::MAX_SLOTS as i64), help_heading = "Method")]
     pub slots: u32,
-    /// How many of them enter or leave in a frame at most (local).
+    /// Greatest number of patches that enter or leave in a frame (local).
     #[arg(long, default_value_t = LocalSettings::DEFAULT.budget as u32, value_parser = clap::value_parser!(u32).range(1..=65_535), help_heading = RESEARCH)]
     pub budget: u32,
     /// Frames for which the camera's path is predicted (local).

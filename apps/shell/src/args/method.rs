@@ -8,7 +8,7 @@ use super::common::parse_error;
 use super::definition::RESEARCH;
 use super::operator::OperatorSettings;
 
-/// How the light is found.
+/// Method for indirect light.
 #[derive(ValueEnum, Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Method {
     /// Classic radiosity: patches of any kind, one product a bounce.
@@ -21,7 +21,8 @@ pub enum Method {
     Feedback,
     /// A few samples a row and frame, from the light of the frame before: --samples, --blend, --control-variate.
     Temporal,
-    /// All bounces in one product, with the matrix of the patches round the camera: --slots, --budget, --look-ahead, --fade.
+    /// All bounces in one product, with the matrix of the patches round the camera: --slots, --budget, --look-ahead,
+    /// --fade.
     Local,
     /// Photons that start where lights fall first, until the error is what --error says.
     Firstshot,
@@ -61,7 +62,7 @@ pub fn parse_purpose(text: &str) -> Result<Method, String> {
     }
 }
 
-/// What feedback and firstshot are made with.
+/// Settings of feedback and firstshot.
 #[derive(Args, Clone, Debug)]
 pub struct MethodOptions {
     /// Bounces in a frame (feedback).
@@ -73,24 +74,26 @@ pub struct MethodOptions {
     pub plain: bool,
     /// Relative error at which photons are enough (firstshot).
     ///
-    /// It is that of the irradiance of the patches; among mirrors and glass and in a medium that of the elements, which are smaller. With 0 all of
-    /// `--photons` are traced, and no frame waits to hear of the error.
+    /// It is that of the irradiance of the patches; among mirrors and glass and in a medium that of the elements, which
+    /// are smaller. With 0 all of `--photons` are traced, and no frame waits to hear of the error.
     #[arg(long, value_name = "E", default_value_t = FirstShotSettings::default().error, value_parser = parse_goal, help_heading = "Method")]
     pub error: f64,
     /// Most photons (firstshot).
     #[arg(long, value_name = "N", default_value_t = FirstShotSettings::default().most_photons, value_parser = clap::value_parser!(u64).range(1..=1 << 33), help_heading = "Method")]
     pub photons: u64,
-    /// How triangles are split by the light on them (firstshot): across the edges on which it bends, or as Kopylov's algorithm 1.
+    /// Subdivision of triangles by the light on them (firstshot): across the edges on which it bends, or as Kopylov's
+    /// algorithm 1.
     #[arg(long, value_enum, default_value_t, help_heading = RESEARCH)]
     pub subdivision: SubdivisionChoice,
-    /// What stands for the reflectance of textured triangles in the choice of a start (firstshot): the mean texel, or the brightest,
-    /// where photons of darker ones are rejected.
+    /// Reflectance of textured triangles in the choice of a start (firstshot): the mean texel, or the brightest, where
+    /// photons of darker ones are rejected.
     #[arg(long, value_enum, default_value_t, help_heading = RESEARCH)]
     pub texels: TexelChoice,
-    /// Where the light at a start comes from (firstshot): a shadow ray, or the table of the lit triangles alone, as Kopylov has it.
+    /// Source of the light at a start (firstshot): a shadow ray, or the table of the lit triangles alone, as Kopylov
+    /// has it.
     #[arg(long, value_enum, default_value_t, help_heading = RESEARCH)]
     pub start_light: StartLightChoice,
-    /// How the cubic equation of a start is solved (firstshot): Newton's method, or Cardano's formula.
+    /// Solver of a start's cubic equation (firstshot): Newton's method, or Cardano's formula.
     #[arg(long, value_enum, default_value_t, help_heading = RESEARCH)]
     pub cubic: CubicChoice,
     /// Numbers that photons are made of (firstshot): Sobol's points, or random ones.
@@ -98,7 +101,7 @@ pub struct MethodOptions {
     pub sequence: SequenceChoice,
 }
 
-/// How triangles are split by the light on them.
+/// Subdivision of triangles by the light on them.
 #[derive(ValueEnum, Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum SubdivisionChoice {
     /// Across the edges on which light bends.
@@ -108,7 +111,7 @@ pub enum SubdivisionChoice {
     Kopylov,
 }
 
-/// What stands for the reflectance of textured triangles.
+/// Reflectance of textured triangles.
 #[derive(ValueEnum, Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum TexelChoice {
     /// The mean texel.
@@ -118,7 +121,7 @@ pub enum TexelChoice {
     Brightest,
 }
 
-/// Where the light at a start comes from.
+/// Source of the light at a start.
 #[derive(ValueEnum, Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum StartLightChoice {
     /// A shadow ray.
@@ -128,7 +131,7 @@ pub enum StartLightChoice {
     Table,
 }
 
-/// How the cubic equation of a start is solved.
+/// Solver of a start's cubic equation.
 #[derive(ValueEnum, Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum CubicChoice {
     /// Newton's method.

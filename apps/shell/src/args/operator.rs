@@ -13,7 +13,7 @@ use super::definition::RESEARCH;
 /// Relative error of compressed operators unless another one is asked for.
 const EPSILON: f64 = 0.01;
 
-/// How the operator of all bounces is stored.
+/// Storage of the operator of all bounces.
 #[derive(ValueEnum, Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Storage {
     /// Single precision, three numbers an entry.
@@ -22,11 +22,11 @@ pub enum Storage {
     F16,
     /// Texture blocks of half a byte an entry, with the greatest entries beside them.
     Bc1,
-    /// The same of a byte an entry: brightness separate from colour.
+    /// A byte an entry: brightness separate from colour.
     Bc3,
-    /// The same of a byte an entry: half-precision colours.
+    /// A byte an entry: half-precision colours.
     Bc6h,
-    /// The same of a byte an entry: 8-bit colours on up to three lines.
+    /// A byte an entry: 8-bit colours on up to three lines.
     Bc7,
     /// Rank-1 terms, dense sub-blocks and sparse residuals in tiles, with the error that --epsilon
     /// says.
@@ -49,7 +49,7 @@ impl Storage {
     }
 }
 
-/// What decodes texture blocks on a device.
+/// Decoder of texture blocks on a device.
 #[derive(ValueEnum, Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Decoding {
     /// The texture unit where there is one that is faster.
@@ -62,7 +62,7 @@ pub enum Decoding {
 }
 
 impl Decoding {
-    /// What frames know it as.
+    /// The library's name for it.
     pub fn decode(self) -> Decode {
         match self {
             Self::Auto => Decode::Auto,
@@ -72,7 +72,7 @@ impl Decoding {
     }
 }
 
-/// Where operators are built.
+/// Place where operators are built.
 #[derive(ValueEnum, Clone, Copy, Debug, PartialEq, Eq)]
 pub enum BuildPlace {
     /// On the device when it is a graphics processor, else on the host.
@@ -95,40 +95,40 @@ impl BuildPlace {
 }
 
 impl OperatorOptions {
-    /// Whether a device has a part in what is said: it decodes texture blocks.
+    /// Returns true if a device has a part in what is said: it decodes texture blocks.
     pub fn needs_device(&self) -> bool {
         self.operator && matches!(self.codec.codec(self.epsilon), Codec::Blocks(_))
     }
 }
 
-/// What operator is made.
+/// Choice of operators.
 #[derive(Args, Clone, Copy, Debug, PartialEq)]
 pub struct OperatorOptions {
-    /// Also make the operator of all bounces between the patches: bytes, ranks, errors; with --out also pictures of the matrix
-    /// before and after it is reordered, and of the error of its compression.
+    /// Also make the operator of all bounces between the patches: bytes, ranks, errors; with --out also pictures of the
+    /// matrix before and after it is reordered, and of the error of its compression.
     #[arg(long, help_heading = RESEARCH)]
     pub operator: bool,
-    /// How the operator is stored; with tiles also form factors for feedback.
+    /// Storage of the operator; with tiles also form factors for feedback.
     #[arg(long, value_enum, default_value_t = Storage::default(), requires = "operator", help_heading = RESEARCH)]
     pub codec: Storage,
     /// Relative error of tiles, in the sense of Frobenius.
     #[arg(long, default_value_t = 0.01, value_parser = parse_epsilon, requires = "operator", help_heading = "Method")]
     pub epsilon: f64,
-    /// What is to decode texture blocks in frames on the device: says what is taken.
+    /// Requested decoder of texture blocks in frames on the device.
     #[arg(long, value_enum, default_value_t, requires = "operator", help_heading = RESEARCH)]
     pub decode: Decoding,
 }
 
-/// What operators are made, and in how much memory.
+/// Choice of operators, and the memory to build them in.
 #[derive(Args, Clone, Copy, Debug, PartialEq)]
 pub struct OperatorSettings {
     /// Most resident memory, as in 800M or 2G [default: what is free].
     ///
-    /// What would take more is refused before it is begun; tiles of a larger operator are built panel by panel in a file beside
-    /// the results.
+    /// What would take more is refused before it is begun; tiles of a larger operator are built panel by panel in a
+    /// file beside the results.
     #[arg(long, value_name = "BYTES", value_parser = parse_bytes, help_heading = "Bake")]
     pub memory_limit: Option<u64>,
-    /// How the operator is stored (multibounce) [default: tiles; of a bake: as it is there].
+    /// Storage of the operator (multibounce) [default: tiles; of a bake: as it is there].
     #[arg(long, value_enum, help_heading = RESEARCH)]
     pub codec: Option<Storage>,
     /// Error of compressed operators (tiles, feedback) [default: 0.01].
@@ -144,7 +144,7 @@ impl OperatorSettings {
         self.epsilon.unwrap_or(EPSILON)
     }
 
-    /// How the operator of --method multibounce is stored.
+    /// Storage of the operator of --method multibounce.
     pub fn storage(&self) -> Codec {
         self.codec.unwrap_or_default().codec(self.error())
     }

@@ -6,7 +6,7 @@ use patches::PatchKind;
 use super::common::{FocusChoice, Patches, parse_focus, parse_metres};
 use super::definition::RESEARCH;
 
-/// What patches are made, and how many.
+/// Kind and number of patches.
 #[derive(Args, Clone, Copy, Debug, PartialEq)]
 pub struct PatchOptions {
     /// Kind of patches [default: cluster].
@@ -20,21 +20,21 @@ pub struct PatchOptions {
     /// Edge of the voxels of voxel and axis patches, m; replaces --patch-count.
     #[arg(long, value_name = "METRES", value_parser = parse_metres, help_heading = RESEARCH)]
     pub voxel_size: Option<f32>,
-    /// Where patches are small: auto, camera, or X,Y,Z,X,Y,Z (m).
+    /// Viewing area with small patches: auto, camera, or X,Y,Z,X,Y,Z (m).
     ///
-    /// Enclosed space, what the camera sees round it, or a box. What is far from there gets few, large patches and few receivers
-    /// [default: auto].
+    /// Enclosed space, what the camera sees round it, or a box. What is far from there gets few, large patches and few
+    /// receivers [default: auto].
     #[arg(long, value_name = "WHERE", allow_hyphen_values = true, value_parser = parse_focus, help_heading = "Bake")]
     pub focus: Option<FocusChoice>,
 }
 
 impl PatchOptions {
-    /// How many patches.
+    /// Number of patches.
     pub fn count(&self) -> usize {
         self.patch_count.unwrap_or(4000) as usize
     }
 
-    /// What they are made of for an estimator of form factors: all but rays need outlines.
+    /// Kind of patches for an estimator of form factors: all but rays need outlines.
     pub fn kind(&self, form_factors: FormFactors) -> PatchKind {
         match (self.patches, form_factors) {
             (Some(patches), _) => patches.kind(),
@@ -43,13 +43,13 @@ impl PatchOptions {
         }
     }
 
-    /// Whether any of them was given.
+    /// Returns true if any of them was given.
     pub fn is_given(&self) -> bool {
         self.patches.is_some() || self.patch_count.is_some() || self.voxel_size.is_some() || self.focus.is_some()
     }
 }
 
-/// Where irradiance is gathered.
+/// Points where irradiance is gathered.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum ReceiverPlaces {
     /// Points of the surface, close where light bends; pixels take the mean of those about.

@@ -4,28 +4,28 @@ use super::definition::RESEARCH;
 use clap::{Args, ValueEnum};
 use patchlight::method::TemporalSettings;
 use patchlight::method::temporal::{RowKind, Sampled};
-use temporal::{Blend, MOST_SAMPLES, Settings};
+use temporal::{Blend, MAX_SAMPLES, Settings};
 
-/// What frames of --method temporal do.
+/// Settings of frames of --method temporal.
 #[derive(Args, Clone, Copy, Debug, PartialEq)]
 pub struct TemporalOptions {
     /// Samples a row and frame (temporal).
-    #[arg(long, value_name = "N", default_value_t = Settings::default().samples, value_parser = clap::value_parser!(u32).range(1..=i64::from(MOST_SAMPLES)), help_heading = "Method")]
+    #[arg(long, value_name = "N", default_value_t = Settings::default().samples, value_parser = clap::value_parser!(u32).range(1..=i64::from(MAX_SAMPLES)), help_heading = "Method")]
     pub samples: u32,
-    /// Weight of the frames before, from 0 to below 1, or auto: from the noise of the samples and the change of the light
-    /// (temporal without control variate).
+    /// Weight of the frames before, from 0 to below 1, or auto: from the noise of the samples and the change of the
+    /// light (temporal without control variate).
     #[arg(long, default_value = "auto", value_parser = parse_blend, help_heading = RESEARCH)]
     pub blend: Blend,
-    /// Whether only what changes is sampled, so that light at rest has no noise (temporal).
+    /// Samples only changes, so that light at rest has no noise (temporal).
     #[arg(long, value_enum, default_value_t = Switch::On, help_heading = RESEARCH)]
     pub control_variate: Switch,
     /// Frames in which each row is once summed exactly (temporal with control variate); 0 for never.
     #[arg(long, default_value_t = Settings::default().refresh, value_parser = clap::value_parser!(u32).range(0..=1_000_000), help_heading = RESEARCH)]
     pub refresh: u32,
-    /// Whether samples are points of a lattice, rotated by chance, or independent (temporal).
+    /// Takes samples from a lattice, rotated by chance, or independently (temporal).
     #[arg(long, value_enum, default_value_t = Switch::On, help_heading = RESEARCH)]
     pub rotated: Switch,
-    /// How rows between patches are kept (temporal).
+    /// Storage of rows between patches (temporal).
     #[arg(long, value_enum, default_value_t = RowStorage::Lists, help_heading = RESEARCH)]
     pub rows: RowStorage,
     /// Which rows are sampled (temporal); the others are multiplied by.
@@ -42,7 +42,7 @@ pub enum Switch {
     Off,
 }
 
-/// How rows are kept for sampling.
+/// Storage of rows for sampling.
 #[derive(ValueEnum, Clone, Copy, Debug, PartialEq, Eq)]
 pub enum RowStorage {
     /// Lists of columns, all entries alike.

@@ -17,7 +17,7 @@ use super::swapchain::{RenderPass, Swapchain, Target, WHOLE, find_format};
 use crate::error::Error;
 use crate::fit::{Area, Part, split};
 
-/// How often a frame is drawn of a window that takes another size meanwhile.
+/// Number of attempts to draw a frame of a window that takes another size meanwhile.
 const TRIES: u32 = 3;
 
 /// Which of the two pictures.
@@ -29,7 +29,7 @@ pub enum Side {
     Right = 1,
 }
 
-/// Where a picture comes from: bytes red, green, blue and 255, row by row from the top.
+/// Source of a picture: bytes red, green, blue and 255, row by row from the top.
 pub enum Source<'a> {
     /// A buffer of the executor on this device, after its last submission.
     Device(BufferHandle),
@@ -37,7 +37,7 @@ pub enum Source<'a> {
     Host(&'a [u8]),
 }
 
-/// What egui wants to be drawn.
+/// Drawing of egui's output.
 pub struct Panels {
     /// Triangles.
     pub primitives: Vec<ClippedPrimitive>,
@@ -61,7 +61,7 @@ pub struct Screen {
     // Fields end from the first to the last, after `drop` has waited.
     panels: Renderer<GpuAllocator>,
     pictures: [Option<Picture>; 2],
-    /// What the next frame copies into them.
+    /// Updates that the next frame copies into them.
     pending: [Option<Pending>; 2],
     swapchain: Option<Swapchain>,
     pass: RenderPass,
@@ -69,7 +69,7 @@ pub struct Screen {
     format: vk::SurfaceFormatKHR,
     surface: Surface,
     device: Arc<Device>,
-    /// Whether the images no longer have the size of the window.
+    /// True if the images no longer have the size of the window.
     is_stale: bool,
     /// Textures that the last frame used last.
     freed: Vec<TextureId>,
@@ -88,7 +88,7 @@ struct Pending {
     offset: u64,
 }
 
-/// What one frame at a time needs.
+/// Vulkan objects of one frame at a time.
 struct FrameObjects {
     pool: vk::CommandPool,
     commands: vk::CommandBuffer,
@@ -217,8 +217,8 @@ impl Screen {
         Ok(())
     }
 
-    /// Draws a frame, with the reference at the right of `at` of the width if there is one; gives the window as it is shown where
-    /// that is asked for. Nothing is drawn into a window without pixels.
+    /// Draws a frame, with the reference at the right of `at` of the width if there is one; gives the window as it is
+    /// shown where that is asked for. Nothing is drawn into a window without pixels.
     ///
     /// # Errors
     /// What Vulkan says.
@@ -384,8 +384,9 @@ impl Screen {
             .wait_semaphores(&waits)
             .wait_dst_stage_mask(&stages)
             .signal_semaphores(&signals)];
-        // SAFETY: the fence is signalled and not in use; the command buffer is recorded; the semaphores are alive, one to be
-        // signalled by the swapchain, one unused; all that the commands use outlives them, as whoever frees it waits.
+        // SAFETY: the fence is signalled and not in use; the command buffer is recorded; the semaphores are alive, one
+        // to be signalled by the swapchain, one unused; all that the commands use outlives them, as whoever frees it
+        // waits.
         unsafe {
             self.device.raw.reset_fences(&[self.frame.fence]).map_err(Error::call("vkResetFences"))?;
             let submitted = self.device.raw.queue_submit(self.device.queue, &submits, self.frame.fence);
@@ -430,7 +431,8 @@ impl Recorder<'_> {
         let target = vk::ImageLayout::TRANSFER_DST_OPTIMAL;
         self.change(picture.image, vk::ImageLayout::UNDEFINED, target);
         let regions = [whole_copy(source.offset, picture.size)];
-        // SAFETY: recording; the buffer has the bytes of all pixels from the offset on; the barrier before made them visible.
+        // SAFETY: recording; the buffer has the bytes of all pixels from the offset on; the barrier before made them
+        // visible.
         unsafe { self.raw.cmd_copy_buffer_to_image(self.commands, source.buffer, picture.image, target, &regions) };
         self.change(picture.image, target, vk::ImageLayout::TRANSFER_SRC_OPTIMAL);
     }

@@ -143,14 +143,15 @@ pub(super) struct Device {
     pub swapchains: khr::swapchain::Device,
     pub allocator: ManuallyDrop<Arc<Mutex<Allocator>>>,
     enabled: EnabledFeatures,
-    /// Whether kernels run on it, too.
+    /// True if kernels run on it, too.
     runs_kernels: bool,
     // After the device.
     pub gpu: Arc<Gpu>,
 }
 
 impl Device {
-    /// Makes the device that answers to the choice; the best that can show the window where kernels run on the processor.
+    /// Makes the device that answers to the choice; the best that can show the window where kernels run on the
+    /// processor.
     pub fn new(surface: &Surface, choice: &DeviceChoice) -> Result<Arc<Self>, Error> {
         let gpu = Arc::clone(&surface.gpu);
         let (candidate, runs_kernels) = choose(candidates(&gpu, surface)?, choice)?;
@@ -170,8 +171,8 @@ impl Device {
             .enabled_extension_names(&extensions)
             .enabled_features(&features)
             .push_next(&mut features_1_2);
-        // SAFETY: `candidates` found queue family and extension, `describe_device` the features; the chain lives through the
-        // call.
+        // SAFETY: `candidates` found queue family and extension, `describe_device` the features; the chain lives
+        // through the call.
         let raw = unsafe { gpu.raw.create_device(physical, &create, None) }.map_err(Error::call("vkCreateDevice"))?;
         let made = Allocator::new(&AllocatorCreateDesc {
             instance: gpu.raw.clone(),
@@ -196,8 +197,8 @@ impl Device {
         Ok(Arc::new(device))
     }
 
-    /// An executor on this device and its queue; none where kernels run on the processor. It is to stay on the thread that
-    /// draws.
+    /// An executor on this device and its queue; none where kernels run on the processor. It is to stay on the thread
+    /// that draws.
     pub fn executor(self: &Arc<Self>) -> Result<Option<Vulkan>, Error> {
         if !self.runs_kernels {
             return Ok(None);
@@ -210,7 +211,8 @@ impl Device {
             queue: self.queue,
             enabled: self.enabled,
         };
-        // SAFETY: all handles are of this device, which the executor keeps alive; the viewer uses the queue from one thread.
+        // SAFETY: all handles are of this device, which the executor keeps alive; the viewer uses the queue from one
+        // thread.
         let mut vulkan = unsafe { Vulkan::borrow(lent) }?;
         let owner: Arc<Self> = Arc::clone(self);
         vulkan.keep_alive(owner);
@@ -227,8 +229,8 @@ impl Device {
 impl Drop for Device {
     fn drop(&mut self) {
         self.wait();
-        // SAFETY: every child holds an `Arc` of this device, so all are gone, the users of the allocator too. It frees its blocks
-        // while the device is alive, and is never used again.
+        // SAFETY: every child holds an `Arc` of this device, so all are gone, the users of the allocator too. It frees
+        // its blocks while the device is alive, and is never used again.
         unsafe {
             ManuallyDrop::drop(&mut self.allocator);
             self.raw.destroy_device(None);

@@ -79,7 +79,7 @@ impl Drop for HostBuffer {
 pub(super) struct Picture {
     pub image: vk::Image,
     pub size: (u32, u32),
-    /// Whether it holds a picture yet.
+    /// True if it holds a picture yet.
     pub is_filled: bool,
     pub staging: Option<HostBuffer>,
     memory: Option<Memory>,

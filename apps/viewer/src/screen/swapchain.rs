@@ -7,7 +7,7 @@ use ash::vk;
 use super::gpu::{Device, Surface};
 use crate::error::Error;
 
-/// What is needed of the images: pictures are copied into them, panels drawn over these.
+/// Uses of the images: pictures are copied into them, panels drawn over these.
 const USAGE: vk::ImageUsageFlags = vk::ImageUsageFlags::from_raw(
     vk::ImageUsageFlags::COLOR_ATTACHMENT.as_raw() | vk::ImageUsageFlags::TRANSFER_DST.as_raw(),
 );
@@ -68,7 +68,7 @@ pub(super) struct Swapchain {
     pub raw: vk::SwapchainKHR,
     pub extent: vk::Extent2D,
     pub targets: Vec<Target>,
-    /// Whether the images can be copied from.
+    /// True if the images can be copied from.
     pub can_capture: bool,
     device: Arc<Device>,
 }
@@ -128,7 +128,8 @@ impl Swapchain {
             .present_mode(vk::PresentModeKHR::FIFO)
             .clipped(true)
             .old_swapchain(old.as_ref().map_or(vk::SwapchainKHR::null(), |old| old.raw));
-        // SAFETY: the surface is alive and shown by this device; the older swapchain is its, and nothing of it is in use.
+        // SAFETY: the surface is alive and shown by this device; the older swapchain is its, and nothing of it is in
+        // use.
         let raw = unsafe { device.swapchains.create_swapchain(&create, None) }
             .map_err(Error::call("vkCreateSwapchainKHR"))?;
         let device = Arc::clone(device);

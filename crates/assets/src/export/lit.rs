@@ -17,16 +17,17 @@ use crate::import::{ImportError, LoadedScene};
 pub struct LitSide {
     /// Number of the triangle.
     pub triangle: u32,
-    /// Whether it is the side from which the corners run counter-clockwise.
+    /// True for the side from which the corners run counter-clockwise.
     pub front: bool,
     /// Irradiance at the corner, the end of `edge_a` and the end of `edge_b`, W/m².
     pub irradiance: [Vec3; 3],
 }
 
-/// Where the light of a glTF file stands.
+/// Source of light for a glTF file.
 #[derive(Clone, Copy, Debug)]
 pub enum LitBy<'a> {
-    /// At the corners: `COLOR_0` is what a white surface shows, at the scene's exposure; `_IRRADIANCE` the irradiance, W/m².
+    /// At the corners: `COLOR_0` is what a white surface shows, at the scene's exposure; `_IRRADIANCE` the irradiance,
+    /// W/m².
     Corners,
     /// In a lightmap, whose texture coordinates are `TEXCOORD_1`.
     Lightmap {
@@ -50,9 +51,10 @@ struct Attribute {
 }
 
 /// A scene as `NAME.gltf`, `NAME.bin` and textures, with the light of its sides: materials are unlit
-/// (`KHR_materials_unlit`), so that a viewer shows the light as it is, without lights of its own. A material that shines has
-/// the colour of its radiance. Where light is in a lightmap, a textured material has its mean colour, for unlit materials have
-/// one texture only, and holes are filled; at the corners they are where colour and mask have the same size.
+/// (`KHR_materials_unlit`), so that a viewer shows the light as it is, without lights of its own. A material that
+/// shines has the colour of its radiance. Where light is in a lightmap, a textured material has its mean colour, for
+/// unlit materials have one texture only, and holes are filled; at the corners they are where colour and mask have the
+/// same size.
 ///
 /// # Errors
 /// [`ImportError::Write`] for a picture that cannot be encoded.
@@ -122,7 +124,7 @@ struct Writer<'a> {
 }
 
 impl Writer<'_> {
-    /// What a white surface shows.
+    /// Displayed irradiance of a white surface.
     fn shown(&self, irradiance: Vec3) -> Vec3 {
         irradiance * (self.exposure / std::f32::consts::PI)
     }

@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{LoadedScene, View};
 
-/// What a track moves.
+/// Target of a track.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Target {
     /// Position (or corner) of a light, m.
@@ -33,7 +33,7 @@ pub struct Keyframe {
 /// Keyframes of one value, in the order of time; linear between them, constant before the first and after the last.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Track {
-    /// What moves.
+    /// Moving target.
     pub target: Target,
     /// At least one keyframe, times ascending.
     pub keyframes: Vec<Keyframe>,
@@ -58,7 +58,7 @@ pub struct Animation {
     pub lights: Vec<Light>,
     /// View where no track says otherwise.
     pub view: View,
-    /// What moves; empty for a scene at rest.
+    /// Animation tracks; empty for a static scene.
     pub tracks: Vec<Track>,
 }
 
@@ -95,8 +95,8 @@ impl Animation {
     }
 
     /// A movement of one second for any scene, whatever its own: each directional light is turned by ±25°
-    /// round the vertical, every other light goes to and fro by a sixth of the scene's size. A scene lit only by emissive
-    /// surfaces and sky gets a point light that crosses it above the camera's target.
+    /// round the vertical, every other light goes to and fro by a sixth of the scene's size. A scene lit only by
+    /// emissive surfaces and sky gets a point light that crosses it above the camera's target.
     pub fn default_path(scene: &LoadedScene) -> Self {
         let mut animation = Self { tracks: Vec::new(), ..scene.animation.clone() };
         let (low, high) = scene.scene.geometry.bounds;
@@ -121,9 +121,8 @@ impl Animation {
 }
 
 impl Animation {
-    /// The scene's own camera path where it has one; else along the longer way of the scene, a fifth of it away from both
-    /// ends, at the height and on the line of its view, looking where it
-    /// goes; lights rest.
+    /// The scene's own camera path where it has one; else along the longer way of the scene, a fifth of it away from
+    /// both ends, at the height and on the line of its view, looking where it goes; lights rest.
     pub fn fly(scene: &LoadedScene) -> Self {
         let is_camera = |track: &&Track| matches!(track.target, Target::CameraEye | Target::CameraTarget);
         let own: Vec<Track> = scene.animation.tracks.iter().filter(is_camera).cloned().collect();
@@ -133,7 +132,7 @@ impl Animation {
         Self::along(scene, &[0.2, 0.8])
     }
 
-    /// The same to and fro over the middle, twice.
+    /// Moves to and fro over the middle, twice.
     pub fn shuttle(scene: &LoadedScene) -> Self {
         Self::along(scene, &[0.3, 0.7, 0.3, 0.7, 0.3])
     }

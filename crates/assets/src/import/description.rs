@@ -1,4 +1,4 @@
-//! What an application keeps of a scene beside the scene itself: in bakes, which hold geometry and lights of their own.
+//! The part of a scene that an application keeps beside the geometry and lights stored in a bake.
 
 use std::path::PathBuf;
 

@@ -17,7 +17,8 @@ use super::{Animation, AtlasTriangle, Dropped, ImportError, LightmapUvs, LoadOpt
 /// Most triangles of a scene: 2²⁸.
 const TRIANGLE_LIMIT: usize = 1 << 28;
 
-/// Bytes that a triangle takes at most while it is read: of the file's and the scene's tables, the hierarchy and what builds it.
+/// Bytes that a triangle takes at most while it is read: of the file's and the scene's tables, the hierarchy and what
+/// builds it.
 const TRIANGLE_BYTES: u64 = 400;
 
 /// Triangles that are judged before any is kept.
@@ -35,13 +36,13 @@ pub struct MaterialDraft {
     pub albedo: Vec3,
     /// Picture that replaces `albedo`.
     pub albedo_picture: Option<Source>,
-    /// What the picture's colours are multiplied by.
+    /// Multiplies the picture's colours.
     pub albedo_factor: Vec3,
     /// Radiance from the front, W/m²/sr.
     pub radiance: Vec3,
     /// Picture that `radiance` is multiplied by.
     pub radiance_picture: Option<Source>,
-    /// What it mirrors and lets through.
+    /// Specular reflection and transmission.
     pub optics: Optics,
     /// Picture that has the mask, and where in it.
     pub mask: Option<(Source, MaskChannel)>,
@@ -68,8 +69,8 @@ impl MaterialDraft {
         }
     }
 
-    /// Takes what the material mirrors and lets through, and leaves what is left of the light to diffuse reflection. Returns what was
-    /// repaired.
+    /// Takes what the material mirrors and lets through, and leaves what is left of the light to diffuse reflection.
+    /// Returns what was repaired.
     pub fn set_optics(&mut self, mut optics: Optics) -> Vec<String> {
         let mut repairs: Vec<String> = optics.repair().into_iter().collect();
         let rest = optics.rest();
@@ -141,7 +142,7 @@ pub struct Mesh {
     pub lights: Vec<Light>,
     /// Camera of the file, in file units.
     pub view: Option<View>,
-    /// What was repaired.
+    /// Repairs made during import.
     pub warnings: Vec<String>,
     /// Files that it was read from, but for pictures.
     pub files: Vec<PathBuf>,
@@ -151,7 +152,7 @@ pub struct Mesh {
     pub timings: Vec<(&'static str, f64)>,
 }
 
-/// What is not the mesh.
+/// Scene content other than the mesh.
 pub struct Setting {
     /// For messages.
     pub path: PathBuf,
@@ -552,7 +553,7 @@ fn hash(parts: &SceneParts, textures: &[[u8; 32]]) -> [u8; 32] {
     digest.finalize().into()
 }
 
-/// What a material mirrors and lets through counts only where there is any: files know scenes without by this hash.
+/// Materials without specular parts hash as they did before there were any, so that bakes stay valid.
 fn hash_material(digest: &mut Sha256, m: &Material) {
     for (color, texture) in [(m.albedo, m.albedo_texture), (m.radiance, m.radiance_texture)] {
         digest.update(bytemuck::bytes_of(&color));

@@ -1,4 +1,4 @@
-//! What can be wrong with a scene file: each message names the file, the place in it and the remedy.
+//! Errors in a scene file: each message names the file, the place in it and the remedy.
 
 use std::path::PathBuf;
 
@@ -10,7 +10,7 @@ pub enum ImportError {
     Read {
         /// The file.
         path: PathBuf,
-        /// What the system says.
+        /// Error from the operating system.
         source: std::io::Error,
     },
     /// The path is a folder.
@@ -38,7 +38,7 @@ pub enum ImportError {
         path: PathBuf,
         /// Line, from 1.
         line: usize,
-        /// What the parser says.
+        /// Message of the parser.
         reason: String,
     },
     /// The scene file is of a version this program does not know.
@@ -48,7 +48,7 @@ pub enum ImportError {
         path: PathBuf,
         /// Line, from 1.
         line: usize,
-        /// What stands there.
+        /// Value found there.
         found: String,
     },
     /// A value of the scene file makes no sense.
@@ -60,7 +60,7 @@ pub enum ImportError {
         line: usize,
         /// The key.
         key: String,
-        /// What is wrong and what to write.
+        /// The fault and its remedy.
         reason: String,
     },
     /// The mesh that a scene file names does not exist.
@@ -82,7 +82,7 @@ pub enum ImportError {
         object: String,
         /// Face of that object, from 1; the next one when the line is not a face.
         face: usize,
-        /// What is wrong.
+        /// Description of the fault.
         reason: String,
     },
     /// A corner is not finite or too far away.
@@ -106,7 +106,7 @@ pub enum ImportError {
         path: PathBuf,
         /// Which node, mesh, accessor or buffer.
         place: String,
-        /// What is wrong.
+        /// Description of the fault.
         reason: String,
     },
     /// The file has no triangle with an area.
@@ -147,7 +147,7 @@ pub enum ImportError {
         path: PathBuf,
         /// Line, from 1.
         line: usize,
-        /// What is wrong and what to do.
+        /// The fault and its remedy.
         reason: String,
     },
     /// The picture of the sky cannot be used.
@@ -155,7 +155,7 @@ pub enum ImportError {
     SkyMap {
         /// The picture.
         path: PathBuf,
-        /// What is wrong.
+        /// Description of the fault.
         reason: String,
     },
     /// A material sends more light than it gets.
@@ -168,7 +168,7 @@ pub enum ImportError {
         path: PathBuf,
         /// The material.
         material: String,
-        /// What is wrong.
+        /// Kind of fault.
         found: scene::ReflectanceFault,
     },
     /// The scene cannot be built from what was read.
@@ -176,15 +176,15 @@ pub enum ImportError {
     Scene {
         /// The file.
         path: PathBuf,
-        /// What is wrong.
+        /// The underlying error.
         source: scene::Error,
     },
     /// No built-in scene has this name, or its triangle count is out of range.
     #[error("built-in scene \"{spec}\": {reason}")]
     Procedural {
-        /// What was asked for.
+        /// Requested scene.
         spec: String,
-        /// What is wrong and what may be given.
+        /// The fault and the accepted values.
         reason: String,
     },
     /// A file cannot be written.
@@ -192,7 +192,7 @@ pub enum ImportError {
     Write {
         /// The file.
         path: PathBuf,
-        /// What the system says.
+        /// Error from the operating system.
         source: std::io::Error,
     },
 }

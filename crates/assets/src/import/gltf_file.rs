@@ -1,4 +1,5 @@
-//! glTF 2.0 and GLB. What the `gltf` crate reads without looking (ranges of accessors, cycles of nodes) is checked first.
+//! glTF 2.0 and GLB. What the `gltf` crate reads without looking (ranges of accessors, cycles of nodes) is checked
+//! first.
 //!
 //! Intensities are taken as they stand: one unit of the file is one W (sr⁻¹, m⁻²); emission is radiance.
 
@@ -103,7 +104,7 @@ fn percent_decode(uri: &str) -> String {
     String::from_utf8_lossy(&out).into_owned()
 }
 
-/// How a material's texture coordinates are made from the mesh's.
+/// Origin of a material's texture coordinates in the mesh's.
 #[derive(Clone, Copy, Default)]
 struct UvRule {
     set: u32,
@@ -259,11 +260,11 @@ fn add_primitive(
         .map_err(|reason| file.error(&place, reason))
 }
 
-/// What the vertices of a primitive are made of.
+/// Vertex attributes of a primitive.
 struct Vertices {
     /// In the world, in units of the file.
     positions: Vec<Vec3>,
-    /// Of the material's textures; empty where there are none.
+    /// Coordinates of the material's textures; empty where there are none.
     uvs: Vec<Vec2>,
     /// In the atlas of a lightmap; empty where there are none.
     lightmap: Vec<Vec2>,
@@ -384,8 +385,8 @@ fn check_accessor(file: &File, accessor: &Accessor, place: &str) -> Result<(), I
 /// Roughness below which a surface counts as smooth.
 const SMOOTH: f32 = 0.01;
 
-/// What a material mirrors and lets through, and the share of its colour that is left to diffuse reflection: metals, and what
-/// KHR_materials_transmission says, where they are smooth. Without a volume the surface is a pane.
+/// Specular reflection and transmission of a material, and the share of its colour that is left to diffuse reflection:
+/// metals, and smooth KHR_materials_transmission. Without a volume the surface is a pane.
 fn optics(material: &gltf::Material, color: Vec3, warn: &mut impl FnMut(&str)) -> (Optics, f32) {
     let pbr = material.pbr_metallic_roughness();
     let clear = material.transmission().map_or(0.0, |transmission| transmission.transmission_factor());
@@ -467,7 +468,7 @@ struct Pictures<'a> {
     found: BTreeMap<Place, Source>,
 }
 
-/// Where the bytes of a picture are.
+/// Location of a picture's bytes.
 #[derive(PartialEq, Eq, PartialOrd, Ord)]
 enum Place {
     /// The number of a buffer view.

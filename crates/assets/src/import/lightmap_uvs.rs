@@ -24,12 +24,13 @@ pub struct LightmapUvs(pub(crate) Vec<AtlasTriangle>);
 const BEYOND: f32 = 1e-4;
 
 impl LightmapUvs {
-    /// Whether there are none.
+    /// Returns true if there are none.
     pub fn is_empty(&self) -> bool {
         self.0.is_empty()
     }
 
-    /// The place of a triangle of the scene, which may be a part of one of the file. None where the file has none for it.
+    /// The place of a triangle of the scene, which may be a part of one of the file. None where the file has none for
+    /// it.
     pub fn of(&self, triangle: &Triangle) -> Option<TriangleUv> {
         let whole = self.0.get(triangle.source as usize)?;
         let [a, b, c] = whole.corners;

@@ -17,11 +17,11 @@ pub fn default_sun() -> Light {
     }
 }
 
-/// What is wrong with a light: the key, and what to write.
+/// A fault of a light: the key, and what to write.
 pub type Fault = (&'static str, String);
 
-/// Greatest radiance, irradiance (W/m²) or intensity (W/sr): what follows from it, also its square, is still a number of single
-/// precision.
+/// Greatest radiance, irradiance (W/m²) or intensity (W/sr): what follows from it, also its square, is still a number
+/// of single precision.
 pub const QUANTITY_LIMIT: f32 = 1e15;
 
 /// Three numbers, none below 0 and none above the limit.
@@ -101,7 +101,7 @@ pub fn rect(corner: Vec3, edge_a: Vec3, edge_b: Vec3, radiance: Vec3) -> Result<
     Ok(Light { kind: LIGHT_RECT, position, edge_a, edge_b, area, color, ..Light::default() })
 }
 
-/// Where a luminaire is and how it is turned: its position in metres, the direction of γ = 0, and one near that of C = 0.
+/// Position and orientation of a luminaire: in metres, the direction of γ = 0, and one near that of C = 0.
 #[derive(Clone, Copy, Debug)]
 pub struct Mounting {
     pub position: Vec3,
@@ -110,7 +110,8 @@ pub struct Mounting {
     pub c0: Vec3,
 }
 
-/// A luminaire of `flux` lm, as white as `white`, with the distribution that begins at `distribution` in the scene's table.
+/// A luminaire of `flux` lm, as white as `white`, with the distribution that begins at `distribution` in the scene's
+/// table.
 pub fn luminaire(mounting: Mounting, flux: f64, white: Vec3, distribution: u32) -> Result<Light, Fault> {
     let position = check_position("position", mounting.position)?;
     let direction = check_direction("direction", mounting.direction)?;
@@ -142,8 +143,8 @@ pub fn white(key: &'static str, color: Vec3) -> Result<Vec3, Fault> {
     Err((key, format!("{color} is black; give three numbers, one above 0")))
 }
 
-/// Colour of a black body of a temperature in kelvin, with the luminance 1: chromaticities by Kim et al. 2002, which hold from
-/// 1,667 to 25,000 K, linear Rec.709; what that cannot show is cut off.
+/// Colour of a black body of a temperature in kelvin, with the luminance 1: chromaticities by Kim et al. 2002, which
+/// hold from 1,667 to 25,000 K, linear Rec.709; what that cannot show is cut off.
 pub fn black_body(kelvin: f32) -> Result<Vec3, Fault> {
     if !(1667.0..=25_000.0).contains(&kelvin) {
         return Err(("temperature", format!("{kelvin} K is no colour of a lamp; give 1667 to 25000, or a color")));

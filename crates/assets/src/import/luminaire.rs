@@ -1,7 +1,8 @@
 //! Luminaires as they were measured: IES LM-63 and EULUMDAT files, which hold intensities by direction in candela.
 //!
-//! Angles are those of the files: γ from the luminaire's axis (vertical angle), C round it (horizontal angle, half-plane). A
-//! luminaire is a point: light at a distance d is I(C, γ)/d², which is right to about 1 % from five times its size on.
+//! Angles are those of the files: γ from the luminaire's axis (vertical angle), C round it (horizontal angle,
+//! half-plane). A luminaire is a point: light at a distance d is I(C, γ)/d², which is right to about 1 % from five
+//! times its size on.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -14,13 +15,13 @@ mod eulumdat;
 mod ies;
 
 /// Greatest file: a table of a quarter of a degree by a degree is a tenth of it.
-const MOST_BYTES: u64 = 16 << 20;
+const MAX_BYTES: u64 = 16 << 20;
 /// Most angles of one kind: twenty a degree.
-const MOST_ANGLES: usize = 7200;
+const MAX_ANGLES: usize = 7200;
 /// Greatest intensity in candela and greatest flux in lumen: squares are numbers of single precision.
-const MOST_QUANTITY: f64 = 1e15;
+const MAX_QUANTITY: f64 = 1e15;
 
-/// What a file says of a luminaire.
+/// Photometric data of a luminaire from a file.
 #[derive(Clone, Debug)]
 pub struct Photometry {
     /// Intensities, cd.
@@ -29,7 +30,7 @@ pub struct Photometry {
     pub lamp_flux: Option<f64>,
     /// Size of the luminous part, m: along C = 90°, along C = 0 and upwards.
     pub size: [f64; 3],
-    /// What was read otherwise than it may be meant.
+    /// Data that may have been meant otherwise than it was read.
     pub warnings: Vec<String>,
 }
 
@@ -40,8 +41,8 @@ impl Photometry {
     }
 }
 
-/// Reads an IES LM-63 (`.ies`) or EULUMDAT (`.ldt`) file. `lamp_set` counts the sets of lamps of an EULUMDAT file from 1; an IES
-/// file has one.
+/// Reads an IES LM-63 (`.ies`) or EULUMDAT (`.ldt`) file. `lamp_set` counts the sets of lamps of an EULUMDAT file from
+/// 1; an IES file has one.
 ///
 /// # Errors
 /// [`ImportError::Luminaire`] with the line; what [`ImportError`] says of files that cannot be read.
@@ -53,8 +54,8 @@ pub fn read(path: &Path, lamp_set: usize) -> Result<Photometry, ImportError> {
         "ies" | "ldt" => {}
         _ => return Err(whole(String::from("is no photometry by its ending; give an .ies or .ldt file"))),
     }
-    if std::fs::metadata(path).is_ok_and(|file| file.len() > MOST_BYTES) {
-        return Err(whole(format!("is larger than {} MB; give a file of a single luminaire", MOST_BYTES >> 20)));
+    if std::fs::metadata(path).is_ok_and(|file| file.len() > MAX_BYTES) {
+        return Err(whole(format!("is larger than {} MB; give a file of a single luminaire", MAX_BYTES >> 20)));
     }
     let bytes = super::read(path)?;
     // Names and remarks are in any encoding; numbers are ASCII.
@@ -96,7 +97,7 @@ fn shortened(word: &str) -> String {
     word.chars().take(40).collect()
 }
 
-/// How the other half-planes follow from those of a file.
+/// Symmetry by which the other half-planes follow from those of a file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Symmetry {
     /// All are there.
@@ -139,8 +140,8 @@ struct Sheet {
 impl Sheet {
     /// The whole sphere.
     fn finish(self, text: Text) -> Result<Photometry, ImportError> {
-        if let Some(value) = self.intensities.iter().find(|value| !(0.0..=MOST_QUANTITY).contains(*value)) {
-            let reason = format!("an intensity is {value} cd, which is none; give 0 to {MOST_QUANTITY:e}");
+        if let Some(value) = self.intensities.iter().find(|value| !(0.0..=MAX_QUANTITY).contains(*value)) {
+            let reason = format!("an intensity is {value} cd, which is none; give 0 to {MAX_QUANTITY:e}");
             return Err(text.fault(self.line, reason));
         }
         let row = self.gammas.len();
@@ -180,7 +181,8 @@ pub struct Luminaires {
 }
 
 impl Luminaires {
-    /// Reads a file if it is not known, adds its distribution to the table; where it begins, and the luminaire's flux, lm.
+    /// Reads a file if it is not known, adds its distribution to the table; where it begins, and the luminaire's flux,
+    /// lm.
     ///
     /// # Errors
     /// Those of [`read`]; [`ImportError::Scene`] where the table grows too large.

@@ -46,7 +46,7 @@ const MIRROR: u8 = 5;
 /// `illum` of what refracts, without and with Fresnel's mirror.
 const REFRACTING: [u8; 2] = [6, 7];
 
-/// What a material mirrors and lets through: only its `illum` says whether it does at all.
+/// Specular reflection and transmission of a material; `illum` alone decides whether there is any.
 fn optics(m: &tobj::Material) -> Optics {
     let none = Optics::default();
     match m.illumination_model {
@@ -84,8 +84,8 @@ fn draft(m: &tobj::Material, path: &Path, warnings: &mut Vec<String>) -> Materia
     draft
 }
 
-/// The lines that matter, each complete: colours have three numbers, texture options are gone, `Tr` is `d`. What is left
-/// out for a fault is a warning with its line.
+/// The lines that matter, each complete: colours have three numbers, texture options are gone, `Tr` is `d`. What is
+/// left out for a fault is a warning with its line.
 fn canonical(path: &Path, text: &str, warnings: &mut Vec<String>) -> String {
     let mut out = String::with_capacity(text.len());
     let mut in_material = false;

@@ -1,7 +1,8 @@
 //! OBJ: a pass over the bytes that checks every index and keeps only what is used, then `tobj`.
 //!
 //! `tobj` neither says where a fault is nor bears all indices (its sums overflow), so the checking pass comes first. It
-//! also joins continued lines, replaces bytes that are not UTF-8, and leaves out normals, lines, points and vertex colours.
+//! also joins continued lines, replaces bytes that are not UTF-8, and leaves out normals, lines, points and vertex
+//! colours.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
@@ -12,11 +13,11 @@ use glam::{Vec2, Vec3};
 use super::draft::{FileTriangle, MaterialDraft, Mesh, check_count, seconds};
 use super::{ImportError, LoadOptions, mtl, pictures};
 
-/// First line of the text that `tobj` reads, which makes it ask for the materials: those of all libraries of the file, once,
-/// wherever the file names them.
+/// First line of the text that `tobj` reads, which makes it ask for the materials: those of all libraries of the file,
+/// once, wherever the file names them.
 const MATERIALS: &[u8] = b"mtllib all\n";
 
-/// What the checking pass keeps.
+/// Result of the checking pass.
 #[derive(Default)]
 struct Checked {
     text: Vec<u8>,
@@ -25,7 +26,7 @@ struct Checked {
     triangles: usize,
 }
 
-/// Where the checking pass is.
+/// Position of the checking pass.
 struct Place<'a> {
     path: &'a Path,
     line: usize,
@@ -182,7 +183,7 @@ fn check(path: &Path, bytes: &[u8], numbers: bool) -> Result<Checked, ImportErro
 /// The checking pass.
 struct Checker<'a> {
     place: Place<'a>,
-    /// Whether numbers are checked, too.
+    /// Checks numbers, too.
     numbers: bool,
     /// Vertices and texture coordinates so far.
     positions: i64,
@@ -273,7 +274,7 @@ impl<'a> Checker<'a> {
     }
 }
 
-/// What ends the lines of a text: a line feed, or in files of old systems, which have none, a carriage return.
+/// Line terminator of a text: a line feed, or a carriage return in files of old systems, which have no line feed.
 pub fn line_end(text: &[u8]) -> u8 {
     if text.contains(&b'\n') { b'\n' } else { b'\r' }
 }

@@ -1,4 +1,4 @@
-//! What materials of files mirror and let through.
+//! Specular reflection and transmission of imported materials.
 
 use glam::Vec3;
 
@@ -16,7 +16,7 @@ pub struct Optics {
     pub transmittance: Vec3,
     /// Index of refraction behind the front.
     pub index_of_refraction: f32,
-    /// Whether the surface is both faces of a pane.
+    /// True if the surface is both faces of a pane.
     pub is_pane: bool,
 }
 
@@ -28,7 +28,7 @@ impl Default for Optics {
 }
 
 impl Optics {
-    /// Whether there is anything specular.
+    /// Returns true if there is anything specular.
     pub fn is_specular(&self) -> bool {
         self.mirror != Vec3::ZERO || self.transmittance != Vec3::ZERO
     }

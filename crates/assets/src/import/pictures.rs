@@ -25,15 +25,15 @@ pub const ALBEDO_LIMIT: f32 = 0.95;
 /// Greatest width or height of a picture that is read.
 const SIDE_LIMIT: u32 = 16_384;
 
-/// Bytes that any picture may take when it is decoded, and how many more it may for each byte of its file: what is packed
-/// closer than that, at this size, is a few bytes that stand for gigabytes.
+/// Bytes that any picture may take when it is decoded, and how many more it may for each byte of its file: what is
+/// packed closer than that, at this size, is a few bytes that stand for gigabytes.
 const DECODED_BYTES: u64 = 64 << 20;
 const DECODED_A_BYTE: u64 = 16;
 
 /// Pictures are decoded side by side as long as together they take no more than this, decoded.
 const DECODED_AT_ONCE: u64 = 2 * DECODED_BYTES;
 
-/// Where a picture comes from.
+/// Source of a picture.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Source {
     /// A file.
@@ -95,12 +95,12 @@ impl Source {
 }
 
 thread_local! {
-    /// How many decoders this thread runs, one within the other.
+    /// Depth of decoders that this thread runs, one within the other.
     static GUARDED: Cell<usize> = const { Cell::new(0) };
 }
 
-/// Whether a panic of this thread would be one of a decoder, which counts as a broken file and is reported as an error: for
-/// panic hooks, which have nothing to tell then.
+/// Returns true if a panic of this thread would be one of a decoder, which counts as a broken file and is reported as
+/// an error: for panic hooks, which have nothing to tell then.
 pub fn is_guarded() -> bool {
     GUARDED.get() > 0
 }
@@ -113,7 +113,7 @@ pub fn guard<T>(work: impl FnOnce() -> Result<T, String>) -> Result<T, String> {
     result.unwrap_or_else(|_| Err(String::from("its decoder gave up")))
 }
 
-/// How large a picture is.
+/// Size of a picture.
 #[derive(Clone, Copy)]
 struct Size {
     /// Texels.
@@ -125,7 +125,7 @@ struct Size {
 }
 
 impl Size {
-    /// Of an encoded picture of so many bytes: its header is read, and what is too large refused.
+    /// Reads the header of an encoded picture of so many bytes, and refuses what is too large.
     fn of(encoded: Box<dyn Encoded + '_>, bytes: u64) -> Result<Self, String> {
         let decoder = reader(encoded, bytes)?.into_decoder().map_err(|e| e.to_string())?;
         let (width, height) = decoder.dimensions();
@@ -150,7 +150,7 @@ fn most_decoded(bytes: u64) -> u64 {
     DECODED_BYTES.saturating_add(bytes.saturating_mul(DECODED_A_BYTE))
 }
 
-/// Where an encoded picture is read from: one type of all, for each has every decoder compiled for it anew.
+/// Reader of an encoded picture: one type of all, for each has every decoder compiled for it anew.
 trait Encoded: BufRead + Seek {}
 
 impl<T: BufRead + Seek> Encoded for T {}
@@ -179,7 +179,7 @@ pub fn decode(bytes: &[u8]) -> Result<DynamicImage, String> {
     })
 }
 
-/// What of a picture is a mask; white is opaque.
+/// Channel of a picture that serves as a mask; white is opaque.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum MaskChannel {
     /// The alpha channel when it says anything, else the grey of the picture as it is stored (MTL).
@@ -188,7 +188,7 @@ pub enum MaskChannel {
     Alpha,
 }
 
-/// What a picture is used for; each use is a texture of its own.
+/// Use of a picture; each use is a texture of its own.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 enum Use {
     /// Reflectance times a factor (bits of r, g, b); with the mask in alpha when the same file is both.
@@ -206,13 +206,13 @@ pub struct Packed {
     pub textures: Vec<Texture>,
     /// Two words a texel.
     pub texels: Vec<u32>,
-    /// Where each picture came from.
+    /// Source of each picture.
     pub names: Vec<String>,
     /// SHA-256 of each picture's texels.
     pub hashes: Vec<[u8; 32]>,
     /// Textures of each material.
     pub slots: Vec<Slots>,
-    /// What was replaced.
+    /// Replacements made.
     pub warnings: Vec<String>,
 }
 
@@ -223,7 +223,7 @@ pub struct Slots {
     pub albedo: u32,
     /// Radiance.
     pub radiance: u32,
-    /// What the material's radiance is multiplied by because the texture was divided by it.
+    /// Multiplies the material's radiance, for the texture was divided by it.
     pub radiance_scale: f32,
     /// Mask.
     pub mask: u32,
@@ -238,8 +238,8 @@ struct Made {
     scale: f32,
 }
 
-/// Reads every picture the materials use, in parallel, and packs the pyramids; the largest are halved until all fit into
-/// `budget` bytes.
+/// Reads every picture the materials use, in parallel, and packs the pyramids; the largest are halved until all fit
+/// into `budget` bytes.
 pub fn pack(materials: &[MaterialDraft], budget: usize) -> Packed {
     let mut uses: BTreeMap<(&Source, Use), usize> = BTreeMap::new();
     for (source, used, _) in materials.iter().flat_map(wanted) {
@@ -352,7 +352,7 @@ fn batches(sizes: &[Result<Size, String>]) -> Vec<Range<usize>> {
     batches
 }
 
-/// How many levels of each source to leave out so that all pyramids fit.
+/// Number of levels of each source to leave out so that all pyramids fit.
 fn plan(
     sources: &[(&Source, Vec<Use>)],
     sizes: &[Result<Size, String>],
@@ -406,15 +406,15 @@ struct Rows<'a> {
     used: Use,
     /// Linear values of the 256 of 8 bits.
     linear: Vec<f32>,
-    /// Where a mask comes from.
+    /// Source of the mask.
     mask: Mask,
-    /// What radiance is divided by.
+    /// Divisor of the radiance.
     scale: f32,
-    /// Whether any reflectance was lowered so far.
+    /// True if any reflectance was lowered so far.
     clamped: bool,
 }
 
-/// Where the mask of a picture comes from.
+/// Source of a picture's mask.
 #[derive(Clone, Copy, PartialEq)]
 enum Mask {
     Opaque,
@@ -524,7 +524,8 @@ fn colours(picture: &DynamicImage, linear: &[f32]) -> Vec<Vec4> {
     }
 }
 
-/// A sky: linear texels row by row from the top, width, height; larger ones are halved until they fit into `budget` bytes.
+/// A sky: linear texels row by row from the top, width, height; larger ones are halved until they fit into `budget`
+/// bytes.
 pub fn read_sky(path: &Path, budget: usize, warnings: &mut Vec<String>) -> Result<(Vec<Vec4>, u32, u32), String> {
     let picture = decode(&scene::host::read_regular(path).map_err(|e| e.to_string())?)?;
     if !matches!(picture, DynamicImage::ImageRgb32F(_) | DynamicImage::ImageRgba32F(_)) {

@@ -15,7 +15,7 @@ use super::optics::INDICES;
 use super::{ImportError, Keyframe, LoadOptions, LoadedScene, Target, Track, View};
 
 /// Most absorption of a medium, 1/m: nothing is seen through a tenth of a millimetre.
-const MOST_ABSORPTION: f32 = 1e6;
+const MAX_ABSORPTION: f32 = 1e6;
 
 #[derive(Deserialize)]
 struct VersionOnly {
@@ -240,10 +240,10 @@ fn read_lights(
 /// Absorption of the medium, 1/m.
 fn absorption(text: &Text, medium: &Spanned<MediumTable>) -> Result<Vec3, ImportError> {
     let values = medium.as_ref().absorption;
-    if values.into_iter().all(|a: f32| (0.0..=MOST_ABSORPTION).contains(&a)) {
+    if values.into_iter().all(|a: f32| (0.0..=MAX_ABSORPTION).contains(&a)) {
         return Ok(Vec3::from(values));
     }
-    let reason = format!("must be three numbers from 0 to {MOST_ABSORPTION} 1/m");
+    let reason = format!("must be three numbers from 0 to {MAX_ABSORPTION} 1/m");
     Err(text.value(medium.span(), "absorption", reason))
 }
 
@@ -327,7 +327,7 @@ fn view(text: &Text, camera: &Spanned<CameraTable>, scale: f32) -> Result<View, 
 /// [`LightTable::kind`] of what an IES or EULUMDAT file describes.
 const LUMINAIRE: &str = "luminaire";
 
-/// Whether a light has the keys of its type and no others.
+/// Checks that a light has the keys of its type and no others.
 fn check_keys(t: &LightTable) -> Result<(), Fault> {
     let keys: [(&'static str, bool); 17] = [
         ("direction", t.direction.is_some()),

@@ -11,16 +11,16 @@ use crate::import::pictures::Source;
 use crate::import::{View, lights};
 
 /// Most triangles it can be built of.
-const MOST_TRIANGLES: usize = 300_000;
+const MAX_TRIANGLES: usize = 300_000;
 /// About how many triangles it is built of.
 pub const TRIANGLES: Parameter = Parameter {
     name: "triangles",
     about: "triangles, about",
     default: 3000.0,
-    range: 3000.0..=MOST_TRIANGLES as f64,
+    range: 3000.0..=MAX_TRIANGLES as f64,
     is_whole: true,
 };
-/// What it can be built with.
+/// Accepted parameters.
 pub const PARAMETERS: &[Parameter] = &[TRIANGLES];
 
 /// Grid planes: outer walls 0.4 m thick, galleries round the court.
@@ -55,7 +55,7 @@ pub fn build(triangles: usize) -> Result<Built, lights::Fault> {
         let edge = (low * high).sqrt();
         let trial = assemble(edge);
         let count = trial.mesh.triangles.len();
-        if count.abs_diff(triangles) < best.mesh.triangles.len().abs_diff(triangles) && count <= MOST_TRIANGLES {
+        if count.abs_diff(triangles) < best.mesh.triangles.len().abs_diff(triangles) && count <= MAX_TRIANGLES {
             best = trial;
         }
         if count > triangles {

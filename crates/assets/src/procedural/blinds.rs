@@ -11,7 +11,7 @@ use crate::import::{View, lights};
 /// Number of slats.
 const SLATS: Parameter =
     Parameter { name: "slats", about: "number of slats", default: 16.0, range: 0.0..=64.0, is_whole: true };
-/// How far slats are turned.
+/// Angle of the slats.
 const TILT: Parameter = Parameter {
     name: "tilt",
     about: "angle by which the outer edges of the slats are raised, degrees",
@@ -19,7 +19,7 @@ const TILT: Parameter = Parameter {
     range: -80.0..=80.0,
     is_whole: false,
 };
-/// What the scene can be built with.
+/// Accepted parameters.
 pub const PARAMETERS: &[Parameter] = &[SLATS, TILT];
 
 /// Room, and the window in its wall at x = 0, m.

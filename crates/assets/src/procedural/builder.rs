@@ -1,4 +1,4 @@
-//! What built-in scenes are made of: quads, solids, sheets and blocks on a grid, all with their front to the air.
+//! Building elements of built-in scenes: quads, solids, sheets and blocks on a grid, all with their front to the air.
 
 use glam::{Vec2, Vec3};
 
@@ -7,7 +7,7 @@ use crate::import::draft::{FileTriangle, MaterialDraft, Mesh};
 /// Collects triangles, objects and materials.
 #[derive(Default)]
 pub struct Builder {
-    /// What is built so far.
+    /// Geometry built so far.
     pub mesh: Mesh,
 }
 
@@ -25,7 +25,7 @@ pub const UNCUT: f32 = f32::MAX;
 pub struct Blocks<'a> {
     /// Coordinates of the grid planes of each axis, ascending, m.
     pub lines: [&'a [f32]; 3],
-    /// Whether a cell is solid; asked for cells outside as well (indices −1 and count).
+    /// Returns true for a solid cell; asked for cells outside as well (indices −1 and count).
     pub solid: &'a dyn Fn([i32; 3]) -> bool,
     /// Material of a face: its normal's axis, whether the normal points along it, the air cell it belongs to.
     pub material: &'a dyn Fn(usize, bool, [i32; 3]) -> u32,
@@ -102,8 +102,8 @@ impl Builder {
         self.face(material, axis, positive, at, [low[a], high[a]], [low[b], high[b]]);
     }
 
-    /// An axis-parallel rectangle: the plane `axis = at`, ranges of the next and the next but one axis; front along the axis
-    /// or against it.
+    /// An axis-parallel rectangle: the plane `axis = at`, ranges of the next and the next but one axis; front along the
+    /// axis or against it.
     pub fn face(&mut self, material: u32, axis: usize, positive: bool, at: f32, a: [f32; 2], b: [f32; 2]) {
         let corner = |x: f32, y: f32| {
             let mut p = Vec3::ZERO;
@@ -192,7 +192,7 @@ fn refine(lines: &[f32], edge: f32) -> Vec<(f32, i32)> {
     fine
 }
 
-/// How many parts of at most `edge` a length has.
+/// Number of parts of at most `edge` into which a length is cut.
 pub fn steps(length: f32, edge: f32) -> u32 {
     ((length / edge).ceil() as u32).max(1)
 }

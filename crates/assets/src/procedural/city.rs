@@ -1,8 +1,8 @@
-//! A city of any size: streets, kerbs, trees, cars and lamp posts, and houses whose every room is furnished and lit, in the
-//! low sun. From a house of 18 m to the spoke of a bicycle's wheel of 4 mm it is a factor of 4,500.
+//! A city of any size: streets, kerbs, trees, cars and lamp posts, and houses whose every room is furnished and lit, in
+//! the low sun. From a house of 18 m to the spoke of a bicycle's wheel of 4 mm it is a factor of 4,500.
 //!
-//! Walls and floors are 0.3 m thick, their middle planes lie at whole metres, and so do the bounds up to 2 cm: voxels of
-//! one metre, or of a power of two of it, never hold both sides of a wall.
+//! Walls and floors are 0.3 m thick, their middle planes lie at whole metres, and so do the bounds up to 2 cm: voxels
+//! of one metre, or of a power of two of it, never hold both sides of a wall.
 
 use glam::{Vec2, Vec3};
 use scene::sampling::{hash3, unit};
@@ -19,7 +19,7 @@ mod street;
 
 use house::House;
 
-/// How many triangles it is built of.
+/// Number of triangles.
 pub const TRIANGLES: Parameter = Parameter {
     name: "triangles",
     about: "triangles",
@@ -27,7 +27,7 @@ pub const TRIANGLES: Parameter = Parameter {
     range: 125_000.0..=20_000_000.0,
     is_whole: true,
 };
-/// What it can be built with.
+/// Accepted parameters.
 pub const PARAMETERS: &[Parameter] = &[TRIANGLES];
 
 /// Width of a street between two lots, m; of them the lanes in the middle take so much.
@@ -54,7 +54,7 @@ pub(super) struct Dice {
 }
 
 impl Dice {
-    /// Of thing `a` of kind `b`.
+    /// Random numbers of thing `a` of kind `b`.
     fn new(a: u32, b: u32) -> Self {
         Self { seed: hash3(a, b, 0x6369_7479), thrown: 0 }
     }
@@ -76,7 +76,7 @@ impl Dice {
     }
 }
 
-/// How much of the fine things there is.
+/// Amount of fine detail.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum Detail {
     /// Walls, tables, beds.
@@ -175,7 +175,7 @@ impl Materials {
     }
 }
 
-/// What is built: lots along x and z, how fine.
+/// Plan of a city: lots along x and z, level of detail.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Plan {
     lots: (u32, u32),

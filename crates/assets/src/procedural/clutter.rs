@@ -19,7 +19,7 @@ const LEG: Parameter = Parameter {
     range: 0.002..=0.05,
     is_whole: false,
 };
-/// What the scene can be built with.
+/// Accepted parameters.
 pub const PARAMETERS: &[Parameter] = &[CHAIRS, LEG];
 
 /// Room, and the window in its wall at x = 0, m.

@@ -18,7 +18,7 @@ const LENGTH: Parameter = Parameter {
 /// Width of all parts.
 const WIDTH: Parameter =
     Parameter { name: "width", about: "width, m", default: 1.8, range: 0.5..=5.0, is_whole: false };
-/// What the scene can be built with.
+/// Accepted parameters.
 pub const PARAMETERS: &[Parameter] = &[LENGTH, WIDTH];
 
 /// Height, m.

@@ -1,6 +1,6 @@
-//! Two rooms with thin walls between one floor and one slab that both go on outside: light of either side of a wall lies on
-//! the same triangles. The sun lights two outer walls, the slab and the ground, and enters the second room by its doorway; the
-//! camera is in the first room.
+//! Two rooms with thin walls between one floor and one slab that both go on outside: light of either side of a wall
+//! lies on the same triangles. The sun lights two outer walls, the slab and the ground, and enters the second room by
+//! its doorway; the camera is in the first room.
 
 use glam::Vec3;
 
@@ -25,7 +25,7 @@ const DOORWAY: Parameter = Parameter {
     range: 0.0..=2.0,
     is_whole: false,
 };
-/// What the scene can be built with.
+/// Accepted parameters.
 pub const PARAMETERS: &[Parameter] = &[WALL, DOORWAY];
 
 /// Middle planes of the walls, m: the first room ends where the second begins.

@@ -18,7 +18,7 @@ pub struct Shell {
     pub up: [f32; 2],
 }
 
-/// How far the terrace goes from the wall with the window and beside it, m.
+/// Extent of the terrace from the wall with the window and beside it, m.
 const TERRACE: [f32; 2] = [6.0, 2.0];
 
 /// Parts of furniture go so far into each other, m.

@@ -1,4 +1,4 @@
-//! How built-in scenes are named, and their parameters: `NAME`, `NAME:TRIANGLES`, `NAME:KEY=VALUE,KEY=VALUE`.
+//! Names of built-in scenes, and their parameters: `NAME`, `NAME:TRIANGLES`, `NAME:KEY=VALUE,KEY=VALUE`.
 
 use std::fmt::Write as _;
 use std::ops::RangeInclusive;
@@ -10,13 +10,13 @@ use super::{atrium, blinds, city, clutter, corridor, rooms, stripes, window};
 pub struct Parameter {
     /// Its key.
     pub name: &'static str,
-    /// What it does, with its unit.
+    /// Effect of the parameter, with its unit.
     pub about: &'static str,
     /// Value when none is given.
     pub default: f64,
     /// Least and greatest value.
     pub range: RangeInclusive<f64>,
-    /// Whether it counts something.
+    /// True for a count.
     pub is_whole: bool,
 }
 
@@ -36,9 +36,9 @@ const TRIANGLES: &str = "triangles";
 pub struct BuiltIn {
     /// Its name.
     pub name: &'static str,
-    /// What it is.
+    /// Description of the scene.
     pub about: &'static str,
-    /// What it can be built with, beside [`GROUND`].
+    /// Accepted parameters, beside [`GROUND`].
     pub parameters: &'static [Parameter],
 }
 
@@ -85,7 +85,7 @@ pub const BUILT_IN: [BuiltIn; 12] = [
 /// Scenes that each show one kind of fault of global illumination.
 pub const STRESS_SCENES: [&str; 6] = ["rooms", "stripes", "blinds", "clutter", "window", "corridor"];
 
-/// What a scene is built with.
+/// Parameter values of a scene.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Values {
     given: Vec<(&'static str, f64)>,
@@ -97,12 +97,12 @@ impl Values {
         self.given.iter().find(|(name, _)| *name == parameter.name).map_or(parameter.default, |given| given.1)
     }
 
-    /// The same in single precision.
+    /// Value of a parameter in single precision.
     pub fn get_f32(&self, parameter: &Parameter) -> f32 {
         self.get(parameter) as f32
     }
 
-    /// The same of a parameter that counts something.
+    /// Value of a parameter that counts something.
     pub fn count(&self, parameter: &Parameter) -> usize {
         self.get(parameter) as usize
     }

@@ -16,7 +16,7 @@ const STRIPES: Parameter = Parameter {
     range: 0.0..=6.0,
     is_whole: true,
 };
-/// What all distances between sheets are multiplied by.
+/// Factor on all distances between sheets.
 const GAP: Parameter = Parameter {
     name: "gap",
     about: "factor of all distances between sheets",
@@ -24,7 +24,7 @@ const GAP: Parameter = Parameter {
     range: 0.01..=10.0,
     is_whole: false,
 };
-/// What the scene can be built with.
+/// Accepted parameters.
 pub const PARAMETERS: &[Parameter] = &[STRIPES, GAP];
 
 /// Width, height and depth of the room, m.

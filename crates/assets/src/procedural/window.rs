@@ -24,7 +24,7 @@ const BAR: Parameter = Parameter {
     range: 0.0..=0.1,
     is_whole: false,
 };
-/// What the scene can be built with.
+/// Accepted parameters.
 pub const PARAMETERS: &[Parameter] = &[PANES, BAR];
 
 /// Room, and the window in its wall at z = 0, m.
@@ -71,7 +71,7 @@ fn bars(b: &mut Builder, material: u32, panes: usize, bar: f32) {
     b.blocks(&Blocks { lines: [&x_lines, &y_lines, &BARS], solid: &solid, material: &|_, _, _| material, edge: UNCUT });
 }
 
-/// Where bars begin and end: the first at the lower end, one after each pane.
+/// Start and end of bars: the first at the lower end, one after each pane.
 fn bar_lines([low, high]: [f32; 2], panes: usize, bar: f32) -> Vec<f32> {
     let pitch = (high - low - bar) / panes as f32;
     let mut lines: Vec<f32> =

@@ -9,8 +9,8 @@ use transport::alias::pair_entries;
 
 use crate::types::AliasEntry;
 
-/// The alias table of entries with these weights ≥ 0 (Vose 1991), in O(n): a slot each, filled by its own entry up to the
-/// threshold and by another above. Probabilities are exact to 2⁻³² of a slot. Empty where all weights are zero.
+/// The alias table of entries with these weights ≥ 0 (Vose 1991), in O(n): a slot each, filled by its own entry up to
+/// the threshold and by another above. Probabilities are exact to 2⁻³² of a slot. Empty where all weights are zero.
 pub fn alias_table(weights: &[f64]) -> Vec<AliasEntry> {
     let total: f64 = weights.iter().sum();
     if total.is_nan() || total <= 0.0 {

@@ -1,4 +1,4 @@
-//! What photons start from: elements with their power, and the distribution over them.
+//! Sources of photons: elements with their power, and the distribution over them.
 
 use alloc::vec::Vec;
 use core::f32::consts::{PI, TAU};
@@ -22,18 +22,18 @@ use crate::types::*;
 
 /// Least density on a light element, over the greatest light known on it or around it: with a shadow ray from each
 /// start point, what is not known is found nevertheless.
-const LEAST_DENSITY: f32 = 0.1;
+const MIN_DENSITY: f32 = 0.1;
 /// Parts of the sky by height and azimuth, and places of each along both at which its power is measured.
 const SKY_PARTS: (u32, u32) = (32, 64);
 const SKY_PLACES: u32 = 4;
 /// Reflectance that a texture's mean is not below: filtering may lose what single texels have.
-const LEAST_ALBEDO: f32 = 1e-3;
+const MIN_ALBEDO: f32 = 1e-3;
 /// More elements than this do not fit into the 128 MiB that every device can bind.
-const MOST_ELEMENTS: usize = 1 << 21;
+const MAX_ELEMENTS: usize = 1 << 21;
 /// Steps by which the box of the scene is larger than the scene.
 const MARGIN: f32 = 4.0;
 
-/// What stands for the reflectance of a textured light element in the distribution.
+/// Value that stands for the reflectance of a textured light element in the distribution.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Texels {
     /// The mean texel; photons carry the ratio of their own.
@@ -46,7 +46,7 @@ pub enum Texels {
 /// Elements and the distribution over them.
 #[derive(Clone, Debug, Default)]
 pub struct Emission {
-    /// What photons start from.
+    /// Elements that photons start from.
     pub elements: Vec<Element>,
     /// Alias table over the elements, by luminance of power; empty where nothing shines.
     pub alias: Vec<AliasEntry>,
@@ -73,8 +73,8 @@ impl Elements {
 
     fn finish(self, scene: &Scene, flags: u32) -> Result<Emission, Error> {
         let found = self.0.len();
-        if found > MOST_ELEMENTS {
-            return Err(Error::TooMany { name: "elements", found: found as u64, limit: MOST_ELEMENTS as u64 });
+        if found > MAX_ELEMENTS {
+            return Err(Error::TooMany { name: "elements", found: found as u64, limit: MAX_ELEMENTS as u64 });
         }
         let (elements, powers): (Vec<Element>, Vec<f64>) = self.0.into_iter().unzip();
         let alias = alias_table(&powers);
@@ -94,8 +94,8 @@ impl Emission {
     /// elements that the lights fall on ([`light_elements`]); those of emitters, rectangle lights and the sky from
     /// these.
     ///
-    /// With `is_exact`, a shadow ray from each start point finds its light, and the estimate has no bias from the table;
-    /// without, the table's light is taken as it is (Kopylov).
+    /// With `is_exact`, a shadow ray from each start point finds its light, and the estimate has no bias from the
+    /// table; without, the table's light is taken as it is (Kopylov).
     ///
     /// # Errors
     /// [`Error::Setting`], [`Error::TooMany`], [`Error::Cancelled`].
@@ -111,7 +111,8 @@ impl Emission {
         Ok(Self { shadow_rays: light_elements.shadow_rays, ..emission })
     }
 
-    /// [`Emission::first_shot`] with shadow rays of the light elements that are traced by somebody else: [`light_elements_by`].
+    /// [`Emission::first_shot`] with shadow rays of the light elements that are traced by somebody else:
+    /// [`light_elements_by`].
     ///
     /// # Errors
     /// As [`Emission::first_shot`]; what `trace` gives.
@@ -181,7 +182,7 @@ impl Emission {
         elements.finish(scene, 0)
     }
 
-    /// Whether no photon can start anywhere.
+    /// Returns true if no photon can start anywhere.
     pub fn is_dark(&self) -> bool {
         self.alias.is_empty()
     }
@@ -201,12 +202,12 @@ fn lit_element(scene: &Scene, light_element: &LightElement, brightest: &Brightes
     let textured = scene.materials[scene.geometry.triangles[light_element.triangle as usize].material as usize]
         .albedo_texture
         != NONE;
-    let least = if textured { LEAST_ALBEDO * luminance(color) } else { 0.0 };
+    let least = if textured { MIN_ALBEDO * luminance(color) } else { 0.0 };
     let reflected = luminance(onward * color).max(least);
     let mut values = Vec3::from(light_element.values);
     if is_exact {
         // Of starts that may be hidden, each with a chance, the square root of the chance makes the variance least.
-        let least = LEAST_DENSITY * light_element.top().max(light_element.around);
+        let least = MIN_DENSITY * light_element.top().max(light_element.around);
         values = values.max(Vec3::splat(least)) / light_element.seen.sqrt();
     }
     let element = Element {

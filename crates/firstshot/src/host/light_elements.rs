@@ -23,36 +23,36 @@ const BLOCK: usize = 256;
 /// Shadow rays that neighbours share.
 const LOOKS: usize = 4;
 
-/// How triangles are split into light elements.
+/// Subdivision of triangles into light elements.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Subdivision {
-    /// Across the edges on which light bends. Elements that matter are split to look for shadows, and joined again where there
-    /// are none.
+    /// Across the edges on which light bends. Elements that matter are split to look for shadows, and joined again
+    /// where there are none.
     #[default]
     Edges,
-    /// Algorithm 1 as Kopylov prints it: an element whose middle has the mean of its corners is not split. Without an obtuse angle
-    /// it is split into three at its middle; else at the middle of its longest edge, into two, or into four at those of all
-    /// edges where light bends more along both cuts than in the middle.
+    /// Algorithm 1 as Kopylov prints it: an element whose middle has the mean of its corners is not split. Without an
+    /// obtuse angle it is split into three at its middle; else at the middle of its longest edge, into two, or into
+    /// four at those of all edges where light bends more along both cuts than in the middle.
     Kopylov,
 }
 
-/// How finely light on triangles is found.
+/// Settings of light elements on triangles.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LightElementSettings {
-    /// How triangles are split.
+    /// Subdivision of triangles.
     pub subdivision: Subdivision,
     /// An element is split unless the light in its middle is the mean of that at its corners, within this share of
     /// the greatest.
     pub tolerance: f32,
     /// Most splits of a triangle in a row.
     pub depth: u32,
-    /// Nothing with less than one over this of the power that all lights would have, were nothing in the way, is looked at more
-    /// closely: at most a few times as many shadow rays.
+    /// Nothing with less than one over this of the power that all lights would have, were nothing in the way, is looked
+    /// at more closely: at most a few times as many shadow rays.
     pub elements: u32,
     /// Longest edge that is not split, dark or not: what is smaller may be missed. A share of the scene's diagonal.
     pub longest: f32,
-    /// Most triangles with less than that power that share four shadow rays with their neighbours in the hierarchy; with 1 each has
-    /// four of its own.
+    /// Most triangles with less than that power that share four shadow rays with their neighbours in the hierarchy;
+    /// with 1 each has four of its own.
     pub neighbours: u32,
 }
 
@@ -77,7 +77,8 @@ impl LightElementSettings {
         Self { elements: 1 << 17, longest: 1.0 / 128.0, neighbours: 1, ..Self::default() }
     }
 
-    /// The same split as algorithm 1 of Kopylov has it: twice as many splits in a row, of which every other one halves edges.
+    /// Settings of the split of Kopylov's algorithm 1: twice as many splits in a row, of which every other one halves
+    /// edges.
     pub fn as_printed(self) -> Self {
         Self { subdivision: Subdivision::Kopylov, depth: 2 * self.depth, ..self }
     }
@@ -90,13 +91,13 @@ pub struct LightElement {
     pub triangle: u32,
     /// The light.
     pub light: u32,
-    /// Whether it lies on the back.
+    /// True if it lies on the back.
     pub is_back: bool,
     /// Corners as shares (u, v) of the triangle's edges.
     pub corners: [Vec2; 3],
     /// Irradiance over the light's colour at the corners.
     pub values: [f32; 3],
-    /// The same in the middle.
+    /// Value in the middle.
     pub middle: f32,
     /// A fourth of the greatest light of the element that this one was split from, or what neighbours of its group
     /// let expect; 0 for other triangles.
@@ -129,7 +130,7 @@ impl LightElement {
     }
 }
 
-/// What is needed of a triangle for each light.
+/// Per-light data of a triangle.
 #[derive(Clone, Copy)]
 struct Whole {
     area: f32,
@@ -191,12 +192,13 @@ impl Group {
     }
 }
 
-/// What is known before the first shadow ray.
+/// State before the first shadow ray.
 struct Search<'a> {
     scene: &'a Scene,
     settings: LightElementSettings,
     wholes: Vec<Whole>,
-    /// Light in the middle of each triangle, were nothing in the way, light by light; negative where it falls on the back.
+    /// Light in the middle of each triangle, were nothing in the way, light by light; negative where it falls on the
+    /// back.
     open: Vec<f32>,
     lights: Vec<u32>,
     /// Least power that matters, W.
@@ -407,8 +409,8 @@ pub struct CornerLight {
     pub shadow_rays: u64,
 }
 
-/// Direct light of all point-like lights at the corners of all triangles, with nothing split: what a program without photons
-/// finds, and what Kopylov compares the time of the table to.
+/// Direct light of all point-like lights at the corners of all triangles, with nothing split: what a program without
+/// photons finds, and what Kopylov compares the time of the table to.
 pub fn corner_light(scene: &Scene) -> CornerLight {
     let lights = point_like_lights(scene);
     let of_triangle = |triangle: usize| {
@@ -442,8 +444,9 @@ fn point_like_lights(scene: &Scene) -> Vec<u32> {
 /// The elements that each point-like light falls on, light by light, in the order of the triangles. Elements on which
 /// all is dark are there only where light fell on the element that they were split from, or on neighbours.
 ///
-/// As [`LightElementSettings::subdivision`] says, an element is split until the light in its middle is the mean of that at its corners; edges
-/// of shadows are split down to the limits. Triangles that are small already share shadow rays with their neighbours.
+/// As [`LightElementSettings::subdivision`] says, an element is split until the light in its middle is the mean of that
+/// at its corners; edges of shadows are split down to the limits. Triangles that are small already share shadow rays
+/// with their neighbours.
 ///
 /// # Errors
 /// [`Error::Setting`], [`Error::Cancelled`].
@@ -469,8 +472,9 @@ pub fn light_elements(
 /// Says of each ray whether something stops it, 1, or not, 0.
 pub type TraceRays<'a, E> = dyn FnMut(&[Ray]) -> Result<Vec<u32>, E> + 'a;
 
-/// [`light_elements`] with shadow rays that are traced by somebody else, on a GPU perhaps. All triangles and lights ask together, in two
-/// steps for every split in a row, at most three as printed, and two before them; the same answers make the same elements.
+/// [`light_elements`] with shadow rays that are traced by somebody else, on a GPU perhaps. All triangles and lights ask
+/// together, in two steps for every split in a row, at most three as printed, and two before them; the same answers
+/// make the same elements.
 ///
 /// # Errors
 /// As [`light_elements`]; what `trace` gives; [`Error::Length`] where it gives another number of answers.

@@ -15,9 +15,9 @@ use crate::kernel::map::{cell_at, cell_corners};
 use crate::types::MapGrid;
 
 /// Most divisions along an edge of a triangle.
-const MOST_DIVISIONS: f32 = 1024.0;
+const MAX_DIVISIONS: f32 = 1024.0;
 /// Most cells.
-const MOST_CELLS: u64 = 1 << 26;
+const MAX_CELLS: u64 = 1 << 26;
 /// Parts along the edges of a cell in each of which a hole is looked for.
 const HOLE_PARTS: u32 = 20;
 /// Normals of sides that share the light of a vertex differ by less than this, squared.
@@ -26,7 +26,7 @@ const LIKE_NORMALS: f32 = 0.05;
 /// Both sides of every triangle cut into `n²` like cells.
 #[derive(Clone, Debug, Default)]
 pub struct IlluminationMaps {
-    /// Where the cells of each triangle are.
+    /// Cells of each triangle.
     pub grids: Vec<MapGrid>,
     areas: Vec<f32>,
 }
@@ -38,7 +38,7 @@ impl IlluminationMaps {
     /// [`Error::Setting`] for an edge that is not positive, [`Error::TooMany`] beyond 2²⁶ cells.
     pub fn new(scene: &Scene, edge: f32) -> Result<Self, Error> {
         check_setting("edge", f64::from(edge), "positive", edge > 0.0)?;
-        let divisions = |t: u32| (scene.longest_edge(t) / edge).ceil().clamp(1.0, MOST_DIVISIONS) as u32;
+        let divisions = |t: u32| (scene.longest_edge(t) / edge).ceil().clamp(1.0, MAX_DIVISIONS) as u32;
         Self::with_divisions(scene, &(0..scene.geometry.triangles.len() as u32).map(divisions).collect::<Vec<u32>>())
     }
 
@@ -49,8 +49,8 @@ impl IlluminationMaps {
     pub fn with_divisions(scene: &Scene, divisions: &[u32]) -> Result<Self, Error> {
         check_length("divisions", scene.geometry.triangles.len(), divisions.len())?;
         let total: u64 = divisions.iter().map(|&n| 2 * u64::from(n) * u64::from(n)).sum();
-        if total > MOST_CELLS {
-            return Err(Error::TooMany { name: "cells of illumination maps", found: total, limit: MOST_CELLS });
+        if total > MAX_CELLS {
+            return Err(Error::TooMany { name: "cells of illumination maps", found: total, limit: MAX_CELLS });
         }
         let (mut grids, mut areas) = (Vec::with_capacity(divisions.len()), Vec::with_capacity(total as usize));
         for (t, &n) in scene.geometry.triangles.iter().zip(divisions) {
@@ -98,13 +98,13 @@ impl IlluminationMaps {
         self.areas.len()
     }
 
-    /// Whether there are none.
+    /// Returns true if there are none.
     pub fn is_empty(&self) -> bool {
         self.areas.is_empty()
     }
 
-    /// Irradiance at the corners of the triangles, front then back: the area-weighted mean of the cells that touch the corner on
-    /// this and on like sides of other triangles, `irradiance` holding one value a cell. A constant stays.
+    /// Irradiance at the corners of the triangles, front then back: the area-weighted mean of the cells that touch the
+    /// corner on this and on like sides of other triangles, `irradiance` holding one value a cell. A constant stays.
     ///
     /// # Errors
     /// [`Error::Length`].

@@ -1,4 +1,4 @@
-//! What photons have registered, and what follows from it.
+//! Registered photons and the results computed from them.
 
 use alloc::vec;
 use alloc::vec::Vec;
@@ -43,8 +43,8 @@ fn add_hit(flux: &[AtomicU32], tallies: &[AtomicU32], hit: &PhotonHit, to: &Regi
     }
 }
 
-/// Traces the photons of a dispatch on all cores and adds every hit: what the kernel `firstshot_trace` does, with the same
-/// sums. `flux` and `tallies` are laid out as [`crate::kernel::register`] says.
+/// Traces the photons of a dispatch on all cores and adds every hit: what the kernel `firstshot_trace` does, with the
+/// same sums. `flux` and `tallies` are laid out as [`crate::kernel::register`] says.
 pub fn register_photons(
     scene: &PhotonScene,
     p: &PhotonParams,
@@ -84,7 +84,8 @@ pub struct Sums {
     batches: u32,
 }
 
-/// Areas of the groups of cells, m²: of groups from 0 to the greatest number in use, or of the cells where there are no groups.
+/// Areas of the groups of cells, m²: of groups from 0 to the greatest number in use, or of the cells where there are no
+/// groups.
 pub fn group_areas(accumulator: &dyn PhotonAccumulator) -> Vec<f32> {
     let (groups, areas) = (accumulator.groups(), accumulator.areas());
     if groups.is_empty() {
@@ -108,7 +109,8 @@ pub fn flux_words(cells: usize) -> usize {
     SUM_WORDS as usize * sum_count(cells as u32) as usize
 }
 
-/// `√(Σ σ²/A / Σ (H² − σ²)/A)` from the sums of all blocks, [`noise_and_signal`]; infinite where nothing was registered.
+/// `√(Σ σ²/A / Σ (H² − σ²)/A)` from the sums of all blocks, [`noise_and_signal`]; infinite where nothing was
+/// registered.
 pub fn relative_error(blocks: impl Iterator<Item = glam::Vec2>) -> f64 {
     let sum = blocks.fold(glam::DVec2::ZERO, |sum, block| sum + block.as_dvec2());
     if sum.y > 0.0 { (sum.x / sum.y).sqrt() } else { f64::INFINITY }
@@ -187,8 +189,8 @@ impl Sums {
         }
     }
 
-    /// Irradiance of cells with these areas, m², and its error, after so many photons of each batch, all of them together of the
-    /// given power, W.
+    /// Irradiance of cells with these areas, m², and its error, after so many photons of each batch, all of them
+    /// together of the given power, W.
     pub fn estimate(&self, areas: &[f32], power: f64, per_batch: u64) -> Estimate {
         let batches = u64::from(self.batches);
         let mean_flux = power / (per_batch * batches).max(1) as f64;

@@ -17,7 +17,7 @@ use crate::types::{AliasEntry, Element, PhotonHit, PhotonParams};
 /// Photons that one task follows.
 const CHUNK: usize = 512;
 
-/// What photons start from and what they meet.
+/// Sources and geometry of photons.
 #[derive(Clone, Copy, Debug)]
 pub struct PhotonScene<'a> {
     /// Surfaces, and the hierarchy that rays go through.
@@ -26,7 +26,7 @@ pub struct PhotonScene<'a> {
     pub sources: Sources<'a>,
     /// Distribution over the elements.
     pub alias: &'a [AliasEntry],
-    /// What photons start from.
+    /// Elements that photons start from.
     pub elements: &'a [Element],
 }
 
@@ -42,8 +42,8 @@ impl<'a> PhotonScene<'a> {
     }
 }
 
-/// Follows the photons of a dispatch, all their segments; `see` gets every hit. One task follows some hundred photons with a
-/// `T` of its own; all of these are given back, in an order that depends on the photons alone.
+/// Follows the photons of a dispatch, all their segments; `see` gets every hit. One task follows some hundred photons
+/// with a `T` of its own; all of these are given back, in an order that depends on the photons alone.
 pub fn trace_photons<T: Send>(
     scene: &PhotonScene,
     p: &PhotonParams,

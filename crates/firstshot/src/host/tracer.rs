@@ -20,8 +20,8 @@ pub trait PhotonAccumulator: Sync {
     fn areas(&self) -> &[f32];
     /// The cell that owns the place (u, v) on a side of a triangle, or [`scene::NONE`].
     fn cell(&self, triangle: u32, u: f32, v: f32, is_back: bool) -> u32;
-    /// The group of each cell, or [`scene::NONE`] for cells whose error does not count: errors are those of groups as a whole. Empty
-    /// where each cell is a group.
+    /// The group of each cell, or [`scene::NONE`] for cells whose error does not count: errors are those of groups as a
+    /// whole. Empty where each cell is a group.
     fn groups(&self) -> &[u32] {
         &[]
     }
@@ -37,7 +37,7 @@ pub enum Sequences {
     Sobol,
 }
 
-/// How the cubic equation of a start point is solved.
+/// Solver of a start point's cubic equation.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Cubic {
     /// Newton's method, kept in its bracket: to single precision.
@@ -47,7 +47,7 @@ pub enum Cubic {
     Cardano,
 }
 
-/// How many photons, of what numbers.
+/// Number of photons, and their random numbers.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PhotonSettings {
     /// Relative error at which it is enough: `√(Σ A σ² / Σ A H²)` over the cells or groups, σ the standard error of
@@ -59,7 +59,7 @@ pub struct PhotonSettings {
     pub batches: u32,
     /// Numbers that photons are made of.
     pub sequences: Sequences,
-    /// How start points are found on light elements.
+    /// Solver of start points on light elements.
     pub cubic: Cubic,
     /// Also registers light that comes straight from area lights and the sky; else indirect light only.
     pub with_direct: bool,
@@ -85,7 +85,7 @@ impl Default for PhotonSettings {
 /// Photons of each batch in the first round.
 const FIRST_ROUND: u64 = 1 << 9;
 /// Photons of all batches in a round at most: of one dispatch.
-pub const MOST_ROUND: u32 = 1 << 18;
+pub const MAX_ROUND: u32 = 1 << 18;
 
 impl PhotonSettings {
     /// Refuses settings that no run can have.
@@ -97,18 +97,19 @@ impl PhotonSettings {
         check_setting("error", error, "0 or positive", error >= 0.0)?;
         check_setting("batches", f64::from(batches), "2 to 64", (2..=64).contains(&batches))?;
         check_setting("most_photons", most_photons as f64, "at least 1", most_photons > 0)?;
-        if most_photons > MOST_PHOTONS {
-            return Err(Error::TooMany { name: "photons", found: most_photons, limit: MOST_PHOTONS });
+        if most_photons > MAX_PHOTONS {
+            return Err(Error::TooMany { name: "photons", found: most_photons, limit: MAX_PHOTONS });
         }
         Ok(())
     }
 
-    /// Photons of each batch in the next round, after so many of each and with this relative error; 0 when it is enough. Without an
-    /// error that is asked for, rounds are as large as they may be and depend on nothing that was found.
+    /// Photons of each batch in the next round, after so many of each and with this relative error; 0 when it is
+    /// enough. Without an error that is asked for, rounds are as large as they may be and depend on nothing that was
+    /// found.
     pub fn next_round(&self, per_batch: u64, error: f64) -> u32 {
         let batches = u64::from(self.batches);
         let left = (self.most_photons / batches).max(1).saturating_sub(per_batch);
-        let room = u64::from(MOST_ROUND) / batches;
+        let room = u64::from(MAX_ROUND) / batches;
         if self.error <= 0.0 {
             return room.min(left) as u32;
         }
@@ -127,8 +128,8 @@ impl PhotonSettings {
         missing.min(before).min(room).max(1).min(left) as u32
     }
 
-    /// The dispatch of the next `count` photons of each batch, after so many of each; `targets` are the numbers of cells and of
-    /// groups.
+    /// The dispatch of the next `count` photons of each batch, after so many of each; `targets` are the numbers of
+    /// cells and of groups.
     pub fn params(
         &self,
         scene: &Scene,
@@ -161,7 +162,7 @@ impl PhotonSettings {
     }
 }
 
-/// What one round asks for, and what is known after it.
+/// Shadow rays requested by one round, and the state after it.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Round {
     /// Photons so far.
@@ -183,8 +184,8 @@ pub struct Estimate {
     pub error: Vec<f32>,
     /// The last round.
     pub round: Round,
-    /// Power that photons left their elements with, W: reflected light of point-like lights, emitted light of areas; less what a
-    /// medium absorbs on the first segments.
+    /// Power that photons left their elements with, W: reflected light of point-like lights, emitted light of areas;
+    /// less what a medium absorbs on the first segments.
     pub emitted: DVec3,
     /// Power that left the scene, W.
     pub escaped: DVec3,
@@ -236,8 +237,8 @@ impl<'a> Tracer<'a> {
         self.settings.check()
     }
 
-    /// Traces on all cores until the error is reached, the photons are spent, or `progress(round)` says stop. Returns whether
-    /// it was not stopped.
+    /// Traces on all cores until the error is reached, the photons are spent, or `progress(round)` says stop. Returns
+    /// whether it was not stopped.
     pub fn run(&mut self, progress: &dyn Fn(&Round) -> Proceed) -> bool {
         if self.emission.is_dark() {
             return true;

@@ -1,12 +1,12 @@
-//! Sums in fixed point: 64 bits in two words. Integers can be added in any order with the same sum, and by 32-bit atomics, which
-//! every device has.
+//! Sums in fixed point: 64 bits in two words. Integers can be added in any order with the same sum, and by 32-bit
+//! atomics, which every device has.
 
 use crate::types::Fixed;
 
 /// Units of one, 2²⁰: a value is rounded by at most 2⁻²¹.
 pub const UNITS: f32 = 1_048_576.0;
 /// The greatest value that is added at once, 2²⁴; what is greater counts as this. Sums stay below 2⁴⁴.
-pub const MOST_VALUE: f32 = 16_777_216.0;
+pub const MAX_VALUE: f32 = 16_777_216.0;
 /// Numbers of a word, 2³².
 const WORD: f32 = 4_294_967_296.0;
 /// Whole units from here on, 2²³: such a value has no fraction to round.
@@ -16,13 +16,13 @@ const WHOLE: f32 = 8_388_608.0;
 #[inline]
 pub fn fixed(value: f32) -> Fixed {
     let positive = if value > 0.0 { value } else { 0.0 };
-    let units = UNITS * if positive < MOST_VALUE { positive } else { MOST_VALUE };
+    let units = UNITS * if positive < MAX_VALUE { positive } else { MAX_VALUE };
     let rounded = if units < WHOLE { units + 0.5 } else { units };
     let high = (rounded * (1.0 / WORD)) as u32;
     Fixed { low: (rounded - high as f32 * WORD) as u32, high }
 }
 
-/// What a sum's high word gets when `added` goes to its low word, which was `before`: 1 where the low word overflows.
+/// Carry into a sum's high word when `added` goes to its low word, which was `before`: 1 if the low word overflows.
 #[inline]
 pub fn carry(before: u32, added: u32) -> u32 {
     (before.wrapping_add(added) < added) as u32
@@ -53,7 +53,7 @@ mod tests {
     fn values_are_rounded_to_the_nearest_unit_and_great_ones_are_exact() {
         for k in 0..4000 {
             let value = 1.01f32.powi(k - 2400);
-            let exact = f64::from(value.min(MOST_VALUE)) * f64::from(UNITS);
+            let exact = f64::from(value.min(MAX_VALUE)) * f64::from(UNITS);
             let error = (units(fixed(value)) as f64 - exact).abs();
             assert!(error <= 0.500_001, "{value}: {error}");
             assert!(value < 8.0 || error == 0.0, "{value}: {error}");
@@ -81,8 +81,9 @@ mod tests {
 
     #[test]
     fn as_many_photons_as_may_be_do_not_overflow_a_sum() {
-        // 2³³ photons with 20 segments each, of blue light, one unit of which has a luminance of 0.0722, all on one cell.
-        let (photons, segments, blue) = (crate::MOST_PHOTONS as f64, 20.0, 1.0 / 0.0722);
+        // 2³³ photons with 20 segments each, of blue light, one unit of which has a luminance of 0.0722, all on one
+        // cell.
+        let (photons, segments, blue) = (crate::MAX_PHOTONS as f64, 20.0, 1.0 / 0.0722);
         let room = 2f64.powi(64) / f64::from(UNITS);
         assert!(photons * segments * blue < 0.25 * room);
         // With 24 bits behind the point they would.

@@ -1,4 +1,4 @@
-//! What the sums of a run say: irradiance, and how far it may be off.
+//! Estimates from the sums of a run: irradiance and its error.
 
 use glam::{Vec2, Vec3, Vec4};
 
@@ -15,8 +15,8 @@ fn fixed_at(words: &[u32], at: u32) -> Fixed {
     Fixed { low: words[at as usize], high: words[at as usize + 1] }
 }
 
-/// Irradiance of an element, W/m²: the mean of its cells, `H = Φ Σ m / Σ S`, Φ the mean flux of a photon, m the flux over it
-/// that a cell has received, S the area of a cell. 0 for an element without cells.
+/// Irradiance of an element, W/m²: the mean of its cells, `H = Φ Σ m / Σ S`, Φ the mean flux of a photon, m the flux
+/// over it that a cell has received, S the area of a cell. 0 for an element without cells.
 ///
 /// Shapes: `sums` six words a cell, `cell_start[count + 1]`, `cells` the cells of the elements one after the other,
 /// `element_areas[count]`, m².
@@ -41,9 +41,9 @@ pub fn element_irradiance(
     (Vec3::new(to_float(red), to_float(green), to_float(blue)) * scale).extend(0.0)
 }
 
-/// Sums over the groups of block `k`, [`JUDGED`] of them, of `σ²/A` and `(H² − σ²)/A`: H the mean over the batches of the
-/// luminance of a group's flux, σ the standard error of this mean, A the area of the group, m². The root of the quotient of
-/// both sums over all groups is the relative error.
+/// Sums over the groups of block `k`, [`JUDGED`] of them, of `σ²/A` and `(H² − σ²)/A`: H the mean over the batches of
+/// the luminance of a group's flux, σ the standard error of this mean, A the area of the group, m². The root of the
+/// quotient of both sums over all groups is the relative error.
 ///
 /// Shapes: `word(k)` is word k of the tallies, `group_areas[group_count]`.
 #[inline]

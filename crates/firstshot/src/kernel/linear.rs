@@ -9,11 +9,12 @@ use scene::sampling::uniform_triangle;
 /// Most steps of Newton's method; it takes up to 17 where a corner holds nothing, seldom more than 5 elsewhere.
 const STEPS: u32 = 32;
 
-/// Share 1 − u of the first coordinate below which `beta` of the density lies, for the share b = B/S of the second corner.
+/// Share 1 − u of the first coordinate below which `beta` of the density lies, for the share b = B/S of the second
+/// corner.
 ///
-/// With `S = A + B + C` the first coordinate u has `u³(S − 3B) − 3u²(S − 2B) + 3u(S − B) = αS` (Kopylov). In t = 1 − u and β = 1 − α
-/// that is `t²(3b + (1 − 3b)t) = β`: nothing is divided by S − 3B, and the root keeps its relative precision where the density
-/// ends in a corner. Newton's method from √β, kept in its bracket by bisection.
+/// With `S = A + B + C` the first coordinate u has `u³(S − 3B) − 3u²(S − 2B) + 3u(S − B) = αS` (Kopylov). In t = 1 − u
+/// and β = 1 − α that is `t²(3b + (1 − 3b)t) = β`: nothing is divided by S − 3B, and the root keeps its relative
+/// precision where the density ends in a corner. Newton's method from √β, kept in its bracket by bisection.
 #[inline]
 pub fn invert_first(b: f32, beta: f32) -> f32 {
     let cubic = 1.0 - 3.0 * b;
@@ -39,9 +40,9 @@ pub fn invert_first(b: f32, beta: f32) -> f32 {
     t
 }
 
-/// Coefficient 1 − 3b of the cubic below which it counts as a quadratic: what that neglects and what Cardano's formula loses to
-/// rounding, about 10⁻³ of the density, are equal there.
-const LEAST_CUBIC: f32 = 1e-2;
+/// Coefficient 1 − 3b of the cubic below which it counts as a quadratic: what that neglects and what Cardano's formula
+/// loses to rounding, about 10⁻³ of the density, are equal there.
+const MIN_CUBIC: f32 = 1e-2;
 
 /// Share u of the first coordinate below which `alpha` of the density lies, by Cardano's formula for
 /// `u³(1 − 3b) − 3u²(1 − 2b) + 3u(1 − b) = α`, b = B/S (Kopylov, algorithm 2): the root in [0, 1].
@@ -53,7 +54,7 @@ const LEAST_CUBIC: f32 = 1e-2;
 #[inline]
 pub fn invert_first_by_cardano(b: f32, alpha: f32) -> f32 {
     let a = 1.0 - 3.0 * b;
-    if abs(a) < LEAST_CUBIC {
+    if abs(a) < MIN_CUBIC {
         return 1.0 - sqrt(if alpha < 1.0 { 1.0 - alpha } else { 0.0 });
     }
     let m = 1.0 - 2.0 * b;
@@ -73,7 +74,7 @@ pub fn invert_first_by_cardano(b: f32, alpha: f32) -> f32 {
     in_unit(nearer_to_unit((m + y) / a, (m - 0.5 * y) / a))
 }
 
-/// Of two numbers that which is less far outside of [0, 1].
+/// Returns whichever is closer to [0, 1].
 #[inline]
 fn nearer_to_unit(a: f32, b: f32) -> f32 {
     if abs(a - in_unit(a)) <= abs(b - in_unit(b)) { a } else { b }
@@ -129,7 +130,7 @@ pub fn linear_point(values: Vec3, x: f32, y: f32) -> Vec2 {
     }
 }
 
-/// The same point by Cardano's formula, [`invert_first_by_cardano`].
+/// Linear start point by Cardano's formula, [`invert_first_by_cardano`].
 #[inline]
 pub fn linear_point_by_cardano(values: Vec3, x: f32, y: f32) -> Vec2 {
     let sum = values.x + values.y + values.z;

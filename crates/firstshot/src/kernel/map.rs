@@ -1,5 +1,5 @@
-//! Cells of illumination maps: each side of a triangle is cut into `n²` like triangles, in rows of equal v; within a row
-//! upright cells and cells on their tip alternate.
+//! Cells of illumination maps: each side of a triangle is cut into `n²` like triangles, in rows of equal v; within a
+//! row upright cells and cells on their tip alternate.
 
 use glam::Vec2;
 use scene::math::clamp;

@@ -1,9 +1,9 @@
-//! Where a photon hit is registered. Sums are integers in fixed point ([`super::fixed`]), of flux over the mean flux of a photon;
-//! many photons add to one sum, in any order.
+//! Registration of photon hits. Sums are integers in fixed point ([`super::fixed`]), of flux over the mean flux of a
+//! photon; many photons add to one sum, in any order.
 //!
-//! Words of the flux sums: three channels, each a low and a high word, for each cell, and then for each of [`SLOTS`] what was
-//! emitted, what has left the scene, and what no cell owns. Words of the tallies: for each slot the numbers of segments and
-//! of registered hits, each a low and a high word, and then the luminance of each group, batch by batch.
+//! Words of the flux sums: three channels, each a low and a high word, for each cell, and then for each of [`SLOTS`]
+//! what was emitted, what has left the scene, and what no cell owns. Words of the tallies: for each slot the numbers of
+//! segments and of registered hits, each a low and a high word, and then the luminance of each group, batch by batch.
 
 use scene::NONE;
 
@@ -18,7 +18,7 @@ pub const SUM_WORDS: u32 = 6;
 /// Words of a slot's numbers of segments and registered hits.
 pub const COUNT_WORDS: u32 = 4;
 
-/// Where a photon hit is added; [`NONE`] where it is not.
+/// Place where a photon hit is added; [`NONE`] where it is not.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Registration {
     /// The sum of flux that it belongs to.
@@ -49,7 +49,7 @@ pub fn luminance_word(groups: u32, batch: u32, group: u32) -> u32 {
     SLOTS * COUNT_WORDS + 2 * (batch * groups + group)
 }
 
-/// Where a photon hit is added: `cell` tells the cell of a hit, `group` the group of a cell.
+/// Finds the place where a photon hit is added: `cell` tells the cell of a hit, `group` the group of a cell.
 #[inline]
 pub fn registration(
     p: &PhotonParams,

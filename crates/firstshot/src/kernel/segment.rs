@@ -12,12 +12,12 @@ use super::sequence::Sequence;
 use crate::types::*;
 
 /// Segments after which a photon is given up; at the greatest reflectance one in 10¹¹ has more.
-const MOST_SEGMENTS: u32 = 512;
+const MAX_SEGMENTS: u32 = 512;
 
-/// Whether a photon has another segment.
+/// Returns true if a photon has another segment.
 #[inline]
 pub fn is_under_way(photon: &Photon) -> bool {
-    photon.flux != Vec3::ZERO && photon.segments < MOST_SEGMENTS
+    photon.flux != Vec3::ZERO && photon.segments < MAX_SEGMENTS
 }
 
 /// Flux of a photon at what it met: what the medium has left of it.
@@ -39,10 +39,10 @@ pub fn photon_hit(g: &GeometryTables, p: &PhotonParams, k: u32, photon: &Photon,
     PhotonHit { flux: arriving(p, photon, hit), triangle: hit.triangle, u: hit.u, v: hit.v, photon: k, info }
 }
 
-/// The photon after what it met. With T what the medium has left, ρ the albedo, m and t the shares that the surface mirrors and lets
-/// through at this angle ([`specular_parts`]), it survives with the chance `lum((ρ + m + t)∘T∘Φ)/lum(Φ)`, so its luminance stays. The
-/// same number picks one of the three, by luminance: it leaves the side that it met with a cosine-weighted direction, is mirrored,
-/// or refracted. Its flux is zero where it does not survive.
+/// The photon after what it met. With T what the medium has left, ρ the albedo, m and t the shares that the surface
+/// mirrors and lets through at this angle ([`specular_parts`]), it survives with the chance `lum((ρ + m +
+/// t)∘T∘Φ)/lum(Φ)`, so its luminance stays. The same number picks one of the three, by luminance: it leaves the side
+/// that it met with a cosine-weighted direction, is mirrored, or refracted. Its flux is zero where it does not survive.
 #[inline]
 pub fn reflect(g: &GeometryTables, p: &PhotonParams, k: u32, photon: &Photon, hit: Hit) -> Photon {
     let mut next = *photon;

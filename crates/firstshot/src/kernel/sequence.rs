@@ -1,6 +1,6 @@
-//! The numbers of a photon, all from (number, dimension, seed of its batch): independent, or points of Sobol's sequence with
-//! Owen's scrambling. The start takes five dimensions of one sequence. Each reflection takes a pair and a single number of
-//! sequences of their own, shuffled (Burley 2020, "Practical Hash-based Owen Scrambling").
+//! The numbers of a photon, all from (number, dimension, seed of its batch): independent, or points of Sobol's sequence
+//! with Owen's scrambling. The start takes five dimensions of one sequence. Each reflection takes a pair and a single
+//! number of sequences of their own, shuffled (Burley 2020, "Practical Hash-based Owen Scrambling").
 
 use scene::sampling::{hash, hash3, owen_scramble, sobol2_fast};
 
@@ -39,7 +39,8 @@ const fn columns(k: usize) -> [u32; 32] {
 /// Number `k` of dimension 3, 4 or 5 (`which` = 0, 1, 2) of Sobol's sequence.
 #[inline]
 pub fn sobol_more(k: u32, which: u32) -> u32 {
-    // Every column, whether its bit is set or not: chance decides about bits, so branches on them would be foretold wrongly.
+    // Every column, whether its bit is set or not: chance decides about bits, so branches on them would be foretold
+    // wrongly.
     let (mut x, mut i) = (0u32, 0usize);
     while i < 32 {
         x ^= COLUMNS[which as usize][i] & (k >> i & 1).wrapping_neg();
@@ -62,13 +63,13 @@ pub struct Sequence {
 /// The numbers of a start beside that of its element.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct StartWords {
-    /// Where on it.
+    /// Place on the element.
     pub place: (u32, u32),
     /// Which way.
     pub way: (u32, u32),
-    /// Whether it is rejected: independent of the others.
+    /// Random number of the rejection, independent of the others.
     pub rejection: u32,
-    /// Whether it is reflected diffusely, mirrored or let through: independent of the others.
+    /// Random number of the choice between diffuse reflection, mirror and transmission, independent of the others.
     pub part: u32,
 }
 

@@ -1,4 +1,4 @@
-//! How a photon starts: which element, where, which way, with what flux.
+//! Start of a photon: element, place, direction, flux.
 
 use core::f32::consts::TAU;
 
@@ -52,7 +52,7 @@ pub fn area_across(low: Vec3, high: Vec3, direction: Vec3) -> f32 {
     abs(direction.x) * s.y * s.z + abs(direction.y) * s.x * s.z + abs(direction.z) * s.x * s.y
 }
 
-/// Where parallel light that travels along `direction` enters the box of the scene, uniform across the direction.
+/// Point where parallel light that travels along `direction` enters the box of the scene, uniform across the direction.
 #[inline]
 fn enter_box(p: &PhotonParams, direction: Vec3, x: f32, y: f32) -> Vec3 {
     let s = p.high - p.low;
@@ -90,7 +90,7 @@ pub fn share_left(color: Vec3, left: Vec3) -> f32 {
     if whole > 0.0 { luminance(color * left) / whole } else { 0.0 }
 }
 
-/// How a photon leaves a light element.
+/// Departure of a photon from a light element.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Departure {
     /// 1 where it goes through the surface.
@@ -101,9 +101,9 @@ struct Departure {
     share: Vec3,
 }
 
-/// Picks how light of a colour that travels along `direction` leaves a surface, by the luminance of what is reflected diffusely,
-/// mirrored and let through. What is mirrored or let through keeps the direction of the light; the share that is picked gets the
-/// luminance of all.
+/// Picks how light of a colour that travels along `direction` leaves a surface, by the luminance of what is reflected
+/// diffusely, mirrored and let through. What is mirrored or let through keeps the direction of the light; the share
+/// that is picked gets the luminance of all.
 #[inline]
 fn depart(
     g: &GeometryTables,
@@ -135,8 +135,8 @@ fn depart(
 }
 
 /// A photon of light that falls on a light element, as it leaves it:
-/// `flux = ρ(x)∘color∘T · h(x)/h_linear(x) · scale`, h the irradiance over the light's colour, T what the medium has left of it, ρ
-/// the share that goes on ([`depart`]).
+/// `flux = ρ(x)∘color∘T · h(x)/h_linear(x) · scale`, h the irradiance over the light's colour, T what the medium has
+/// left of it, ρ the share that goes on ([`depart`]).
 #[inline]
 fn start_on_light_element(
     g: &GeometryTables,

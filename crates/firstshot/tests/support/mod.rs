@@ -54,7 +54,7 @@ pub fn sphere(radius: f32, divisions: u32) -> Vec<Triangle> {
     triangles
 }
 
-/// The same scene, filled with a medium.
+/// Copy of a scene, filled with a medium.
 pub fn filled(scene: &Scene, absorption: Vec3) -> Scene {
     let g = &scene.geometry;
     Scene::new(SceneParts {
@@ -104,7 +104,7 @@ pub fn photons(count: u64) -> PhotonSettings {
     PhotonSettings { most_photons: count, ..PhotonSettings::default() }
 }
 
-/// Of lamps.
+/// Colour of lamps.
 pub const COLOR: Vec3 = Vec3::new(3.0, 2.0, 1.0);
 
 /// A square of 2 m in the plane y = 0.

@@ -21,8 +21,8 @@ const FAR_RADII: f64 = 3.0;
 /// All pairs of points are used up to a distance of this many radii (squared) of both patches, fewer beyond.
 const PAIRS_NEARBY: f64 = 1.0;
 
-/// Point `k` of the additive recurrence in four dimensions whose steps are the powers of 1/φ₄, φ₄⁵ = φ₄ + 1 (Roberts 2018),
-/// shifted by `shift` on the torus.
+/// Point `k` of the additive recurrence in four dimensions whose steps are the powers of 1/φ₄, φ₄⁵ = φ₄ + 1 (Roberts
+/// 2018), shifted by `shift` on the torus.
 pub fn recurrence(k: u64, shift: [f64; 4]) -> [f64; 4] {
     const STEPS: [f64; 4] =
         [0.856_674_883_854_502_9, 0.733_891_856_627_126, 0.628_706_721_037_808_7, 0.538_597_257_223_610_1];
@@ -39,8 +39,8 @@ fn triangle_point(t: [DVec3; 3], x: f64, y: f64) -> DVec3 {
     t[0] + (t[1] - t[0]) * u + (t[2] - t[0]) * v
 }
 
-/// Uniform point of a polygon: a triangle of the fan in proportion to its area, then a point of it; what is left of x is
-/// uniform again.
+/// Uniform point of a polygon: a triangle of the fan in proportion to its area, then a point of it; what is left of x
+/// is uniform again.
 pub fn polygon_point(polygon: &Polygon, x: f64, y: f64) -> DVec3 {
     let mut rest = x * polygon.area;
     let last = polygon.corners().len() - 3;

@@ -9,7 +9,7 @@ use num_traits::Float as _;
 use crate::error::Error;
 use transport::{Dense, check_length};
 
-/// What [`balance`] found and left.
+/// Sums found by [`balance`] and the remaining errors.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Balance {
     /// [`reciprocity_residual`] before.
@@ -22,14 +22,15 @@ pub struct Balance {
     pub closure: f64,
     /// Scaling steps.
     pub iterations: u32,
-    /// Rows that see neither patch nor sky: nothing can be scaled, they are left as they are and not counted as residual.
+    /// Rows that see neither patch nor sky: nothing can be scaled, they are left as they are and not counted as
+    /// residual.
     pub blind_rows: usize,
 }
 
 const STEPS: u32 = 2000;
-/// Most that a row is scaled by: rows of few rays need thousands (the atrium with 512 rays), those that cannot be closed would
-/// need infinity.
-const MOST_SCALE: f64 = 1e4;
+/// Most that a row is scaled by: rows of few rays need thousands (the atrium with 512 rays), those that cannot be
+/// closed would need infinity.
+const MAX_SCALE: f64 = 1e4;
 const TOLERANCE: f64 = 2e-6;
 const TILE: usize = 64;
 
@@ -62,8 +63,8 @@ pub fn closure_residual(factors: &Dense, sky: &[f32]) -> f64 {
         .par_fold_reduce(|| 0.0, f64::max, f64::max)
 }
 
-/// Spreads what is missing in each row over its patches, `F_ij ← F_ij (1 − F_i0) / Σ_j F_ij`: lost rays did hit geometry.
-/// Rows of any rectangular matrix; rows that see no patch stay as they are.
+/// Spreads what is missing in each row over its patches, `F_ij ← F_ij (1 − F_i0) / Σ_j F_ij`: lost rays did hit
+/// geometry. Rows of any rectangular matrix; rows that see no patch stay as they are.
 ///
 /// # Errors
 /// [`transport::Error::Length`] unless there is one sky factor a row.
@@ -89,15 +90,15 @@ pub fn normalise_rows(factors: &mut Dense, sky: &[f32]) -> Result<(), Error> {
 /// 1. `S_ij = A_i F_ij` becomes the mean of S_ij and S_ji, each weighted by its precision. Estimates from equally many
 ///    rays have a variance of `A_i S_ij`, so the weight of row i is `1 / A_i` times `samples[i]` (equal when `None`):
 ///    slivers do not ruin their neighbours, nor the reverse.
-/// 2. `S_ij ← x_i x_j S_ij`, `F_i0 ← x_i F_i0` with `x_i (Σ_j S_ij x_j + A_i F_i0) = A_i`, by damped fixed-point steps: a
-///    symmetric Sinkhorn scaling in which the sky is a column that takes whatever comes. No x is above 10⁴: a patch that sees only
-///    smaller ones than itself, as beneath what stands on it, cannot be closed, and stays open.
+/// 2. `S_ij ← x_i x_j S_ij`, `F_i0 ← x_i F_i0` with `x_i (Σ_j S_ij x_j + A_i F_i0) = A_i`, by damped fixed-point steps:
+///    a symmetric Sinkhorn scaling in which the sky is a column that takes whatever comes. No x is above 10⁴: a patch
+///    that sees only smaller ones than itself, as beneath what stands on it, cannot be closed, and stays open.
 ///
 /// Shapes: `factors[n · n]`, `sky_factor[n]`, `area[n]`.
 ///
 /// # Errors
-/// [`transport::Error::Length`] for a table of another size, [`transport::Error::Value`] for a factor that is negative or not finite or an area
-/// that is not positive.
+/// [`transport::Error::Length`] for a table of another size, [`transport::Error::Value`] for a factor that is negative
+/// or not finite or an area that is not positive.
 pub fn balance(
     factors: &mut Dense,
     sky_factor: &mut [f32],
@@ -133,7 +134,7 @@ pub fn balance(
         let mut worst = 0.0f64;
         for i in 0..n {
             let ratio = x[i] * sums[i] / f64::from(area[i]);
-            let is_open = x[i] >= MOST_SCALE && ratio < 1.0;
+            let is_open = x[i] >= MAX_SCALE && ratio < 1.0;
             if sums[i] > 0.0 && !is_open {
                 worst = worst.max((ratio - 1.0).abs());
             }
@@ -143,7 +144,7 @@ pub fn balance(
         }
         for i in 0..n {
             if sums[i] > 0.0 {
-                x[i] = (x[i] * (f64::from(area[i]) / (x[i] * sums[i])).sqrt()).min(MOST_SCALE);
+                x[i] = (x[i] * (f64::from(area[i]) / (x[i] * sums[i])).sqrt()).min(MAX_SCALE);
             }
         }
         report.iterations += 1;

@@ -8,7 +8,8 @@ use transport::Polygon;
 
 use super::triangle::{four_parts, triangle_area};
 
-/// Cubature of degree 5 on a triangle (Radon 1948): barycentric coordinates (one coordinate, the other two equal) and weights.
+/// Cubature of degree 5 on a triangle (Radon 1948): barycentric coordinates (one coordinate, the other two equal) and
+/// weights.
 const RADON: [(f64, f64); 3] = [
     (1.0 / 3.0, 0.225),
     (0.797_426_985_353_087_3, 0.125_939_180_544_827_15),
@@ -47,9 +48,9 @@ pub(super) fn contour(point: DVec3, normal: DVec3, polygon: &Polygon) -> f64 {
     (sum / TAU).max(0.0)
 }
 
-/// Form factor of a polygon to another, without occlusion: the mean of [`point_to_polygon`] over the receiver by adaptive
-/// cubature. `receiver` and `source` are already cut at each other's planes ([`Polygon::clip`]), `area` is the whole area of
-/// the receiver, m².
+/// Form factor of a polygon to another, without occlusion: the mean of [`point_to_polygon`] over the receiver by
+/// adaptive cubature. `receiver` and `source` are already cut at each other's planes ([`Polygon::clip`]), `area` is the
+/// whole area of the receiver, m².
 pub fn polygon_to_polygon(receiver: &Polygon, source: &Polygon, area: f64) -> f64 {
     let value = |p: DVec3| contour(p, receiver.normal, source);
     let far = receiver.centroid.distance(source.centroid) > 6.0 * (receiver.radius + source.radius);

@@ -16,7 +16,7 @@ use crate::error::Error;
 use crate::kernel::hemisphere::{EXTRA_COLUMNS, hemisphere_ray, hemisphere_row, ray_share};
 use crate::types::HemisphereParams;
 
-/// Whether the tables of surfaces belong together.
+/// Checks that the tables of surfaces belong together.
 pub(super) fn check_surfaces(surfaces: &Surfaces) -> Result<(), Error> {
     let Surfaces { patches, polygons, row_polygons, points, offsets, .. } = surfaces;
     let rows = surfaces.rows();
@@ -38,7 +38,7 @@ pub(super) fn check_surfaces(surfaces: &Surfaces) -> Result<(), Error> {
     Ok(())
 }
 
-/// Whether nothing stands between two points on surfaces with these normals.
+/// Returns true if nothing stands between two points on surfaces with these normals.
 fn sees(surfaces: &Surfaces, from: DVec3, from_normal: DVec3, to: DVec3, to_normal: DVec3) -> bool {
     let lift = f64::from(surfaces.ray_offset);
     let start = (from + from_normal * lift).as_vec3();
@@ -65,7 +65,7 @@ pub struct FactorRows {
 
 /// A way to estimate form factors.
 pub trait Estimator: Sync {
-    /// Whether the settings suit the surfaces.
+    /// Checks that the settings suit the surfaces.
     ///
     /// # Errors
     /// [`transport::Error::Setting`] or [`Error::NoOutlines`].
@@ -75,16 +75,16 @@ pub trait Estimator: Sync {
     fn row(&self, surfaces: &Surfaces, row: usize, factors: &mut [f32]) -> (f32, f32);
 }
 
-/// Cosine-weighted rays from the points of the row: each hit adds its share to the patch that owns it, each miss to the sky.
-/// Row sums are exact; the cost is rows × rays.
+/// Cosine-weighted rays from the points of the row: each hit adds its share to the patch that owns it, each miss to the
+/// sky. Row sums are exact; the cost is rows × rays.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Hemisphere {
     /// Rays a row.
     pub rays: u32,
 }
 
-/// Pairs of points on both patches, `F_ij = 1/A_i ∫∫ V cosθ_i cosθ_j / (π r²)`: low-discrepancy pairs, drawn by solid angle
-/// where the patches are near, up to `samples` a pair there and fewer where they are far.
+/// Pairs of points on both patches, `F_ij = 1/A_i ∫∫ V cosθ_i cosθ_j / (π r²)`: low-discrepancy pairs, drawn by solid
+/// angle where the patches are near, up to `samples` a pair there and fewer where they are far.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct AreaToArea {
     /// Most pairs of points for a pair of patches.
@@ -93,16 +93,16 @@ pub struct AreaToArea {
     pub sky_rays: u32,
 }
 
-/// One ray from each point of the row to each centre: `F_ij = s_j cosθ_i cosθ_j V / (π r² + s_j)`, the disc form that stays
-/// below 1 when the patches touch.
+/// One ray from each point of the row to each centre: `F_ij = s_j cosθ_i cosθ_j V / (π r² + s_j)`, the disc form that
+/// stays below 1 when the patches touch.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct PointToPoint {
     /// Rays a row to the sky.
     pub sky_rays: u32,
 }
 
-/// Lambert's exact contour sum, averaged over the receiver by adaptive cubature, times the visible share of shadow rays,
-/// weighted by the light they would carry: the reference for accuracy.
+/// Lambert's exact contour sum, averaged over the receiver by adaptive cubature, times the visible share of shadow
+/// rays, weighted by the light they would carry: the reference for accuracy.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Contour {
     /// Shadow rays for a pair of patches.
@@ -178,8 +178,8 @@ fn hit_column(s: &Surfaces, p: &HemisphereParams, hit: &Hit, direction: Vec3) ->
     if id < p.patch_count { id } else { p.patch_count + 1 }
 }
 
-/// The rays of a row in an order in which neighbours have like directions (Morton's order of their Sobol points), so that they
-/// walk through the same parts of the scene: a tenth faster in Sponza.
+/// The rays of a row in an order in which neighbours have like directions (Morton's order of their Sobol points), so
+/// that they walk through the same parts of the scene: a tenth faster in Sponza.
 pub(super) fn like_rays(rays: u32) -> Vec<u32> {
     let spread = |x: u32| (0..16).fold(0, |spread, bit| spread | (x >> 16 >> bit & 1) << (2 * bit));
     let mut order: Vec<u32> = (0..rays).collect();
@@ -214,8 +214,9 @@ pub(super) fn rows_hits(s: &Surfaces, rows: Range<usize>, rays: u32) -> Vec<u32>
     hits
 }
 
-/// The same in [`QUADRANTS`] rows for each: the hits in each quadrant of the hemisphere, as in
-/// [`transport::rotational_gradients`]. Rays that escape have the column [`first_sky_column`] plus the bin of their direction.
+/// Hits of rays in [`QUADRANTS`] rows for each point, one for each quadrant of the hemisphere, as in
+/// [`transport::rotational_gradients`]. Rays that escape have the column [`first_sky_column`] plus the bin of their
+/// direction.
 pub(super) fn quadrant_hits(s: &Surfaces, rows: Range<usize>, rays: u32, sky_bin: &SkyBin) -> Vec<u32> {
     let mut quadrants = Quadrants::new(s, rows.clone(), rays, sky_bin);
     trace_rows(s, rows, rays, &mut |place, column, direction| quadrants.put(place, column, direction));
@@ -272,8 +273,9 @@ struct RowRay {
     place: u32,
 }
 
-/// Calls `found(place, column, direction)` for each ray of some rows with what it meets; its place is `row · rays + k`. Rays of
-/// like directions follow each other, those of all rows together: rows that are neighbours see the same parts of the scene there.
+/// Calls `found(place, column, direction)` for each ray of some rows with what it meets; its place is `row · rays + k`.
+/// Rays of like directions follow each other, those of all rows together: rows that are neighbours see the same parts
+/// of the scene there.
 fn trace_rows(s: &Surfaces, rows: Range<usize>, rays: u32, found: &mut dyn FnMut(usize, u32, Vec3)) {
     let p = hemisphere_params(s, rows.start, rays);
     let mut sorted: Vec<Vec<RowRay>> = (0..DIRECTION_CELLS).map(|_| Vec::new()).collect();
@@ -467,8 +469,8 @@ fn weighted(points: &[SurfacePoint], value: impl Fn(DVec3, DVec3) -> f64) -> f32
     (sum / weights) as f32
 }
 
-/// All rows of form factors, on all cores, the same bytes for any number of threads. `progress(done, total)` is called after
-/// every row, from any thread; breaking it cancels.
+/// All rows of form factors, on all cores, the same bytes for any number of threads. `progress(done, total)` is called
+/// after every row, from any thread; breaking it cancels.
 ///
 /// # Errors
 /// What is wrong with the surfaces or the settings, [`transport::Error::Cancelled`].
@@ -485,8 +487,8 @@ pub fn form_factors(
     Ok(out)
 }
 
-/// As [`form_factors`], in blocks of `block_rows` rows that are handed to `sink(first_row, block)` in order, so that no more
-/// than one block is in memory.
+/// As [`form_factors`], in blocks of `block_rows` rows that are handed to `sink(first_row, block)` in order, so that no
+/// more than one block is in memory.
 ///
 /// # Errors
 /// As [`form_factors`], [`transport::Error::Setting`] for blocks of no rows, and what `sink` returns.

@@ -1,4 +1,5 @@
-//! Rows of form factors on disk: a header, then blocks of rows, each followed by its checksum. All numbers little-endian.
+//! Rows of form factors on disk: a header, then blocks of rows, each followed by its checksum. All numbers
+//! little-endian.
 
 use std::fs::{self, File};
 use std::io::{BufWriter, Read, Seek, SeekFrom, Write};
@@ -85,7 +86,8 @@ impl RowFileWriter {
     /// Appends whole rows.
     ///
     /// # Errors
-    /// [`transport::Error::Length`] when `values` is not a whole number of rows or more than are still missing; [`Error::File`].
+    /// [`transport::Error::Length`] when `values` is not a whole number of rows or more than are still missing;
+    /// [`Error::File`].
     pub fn push(&mut self, values: &[f32]) -> Result<(), Error> {
         let count = values.len().checked_div(self.columns).unwrap_or(0);
         check_length("rows", count.min(self.rows - self.written) * self.columns, values.len())?;
@@ -190,7 +192,8 @@ impl RowFile {
     /// Reads a block: its first row and its rows.
     ///
     /// # Errors
-    /// [`transport::Error::Length`] for a block that does not exist, [`Error::FileContent`] when its checksum is wrong, [`Error::File`].
+    /// [`transport::Error::Length`] for a block that does not exist, [`Error::FileContent`] when its checksum is wrong,
+    /// [`Error::File`].
     pub fn read_block(&mut self, block: usize) -> Result<(usize, Dense), Error> {
         if block >= self.blocks() {
             return Err(transport::Error::Length { name: "blocks", expected: block + 1, found: self.blocks() }.into());

@@ -17,9 +17,9 @@ const AREA_RANGE: f64 = 20.0;
 /// Factors of a row change by no more than this factor beyond the mean.
 const SCALE_RANGE: f64 = 5.0;
 /// A row whose factors add up to less is not closed: too few of its rays met a patch.
-const LEAST_SUM: f64 = 1e-3;
+const MIN_SUM: f64 = 1e-3;
 
-/// What [`reciprocal`] made.
+/// Result of [`reciprocal`].
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Reciprocal {
     /// F with `a_i F_ij = a_j F_ji`; its rows add up as before.
@@ -34,14 +34,15 @@ pub struct Reciprocal {
 ///
 /// 1. Areas as the rays see them: if F were exact, `Σ_i a_i F_ij = a_j Σ_i F_ji`. From the given areas on,
 ///    `a_j ← √(a_j Σ_i a_i F_ij / Σ_i F_ji)`.
-/// 2. `S_ij = (F_ij + F_ji) / (1/a_i + 1/a_j)`: the mean of `a_i F_ij` and `a_j F_ji` by their precisions, for rows of equally
-///    many rays.
+/// 2. `S_ij = (F_ij + F_ji) / (1/a_i + 1/a_j)`: the mean of `a_i F_ij` and `a_j F_ji` by their precisions, for rows of
+///    equally many rays.
 /// 3. `S_ij ← x_i x_j S_ij`, so that the rows add up as before, by damped steps as in [`super::balance`].
 ///
 /// Half of the noise of F goes with it: the two estimates of each pair are independent.
 ///
 /// # Errors
-/// [`transport::Error::Length`] for tables of other sizes, [`transport::Error::Value`] for areas that are not positive or factors that are negative.
+/// [`transport::Error::Length`] for tables of other sizes, [`transport::Error::Value`] for areas that are not positive
+/// or factors that are negative.
 pub fn reciprocal(factors: &Csr, area: &[f32]) -> Result<Reciprocal, Error> {
     factors.check()?;
     let n = factors.rows;
@@ -72,7 +73,7 @@ fn seen_areas(transposed: &Csr, area: &[f32], sums: &[f64]) -> Vec<f64> {
     for _ in 0..STEPS {
         let next = |j: usize| {
             let seen: f64 = row(transposed, j).map(|(i, f)| a[i] * f64::from(f)).sum();
-            let step = (a[j] * seen / sums[j].max(LEAST_SUM)).sqrt();
+            let step = (a[j] * seen / sums[j].max(MIN_SUM)).sqrt();
             step.clamp(given[j] / AREA_RANGE, given[j] * AREA_RANGE)
         };
         a = (0..a.len()).into_par_iter().map(next).collect();
@@ -111,8 +112,8 @@ fn merged(factors: &Csr, transposed: &Csr, a: &[f64]) -> Result<Csr, Error> {
     Ok(Csr::from_rows(a.len(), &rows)?)
 }
 
-/// Step 3 of [`reciprocal`]: scales the symmetric S so that rows add up to `sums`, makes it form factors again, and says how far
-/// the sums are off.
+/// Step 3 of [`reciprocal`]: scales the symmetric S so that rows add up to `sums`, makes it form factors again, and
+/// says how far the sums are off.
 fn close(out: &mut Csr, a: &[f64], sums: &[f64]) -> f64 {
     let n = a.len();
     let mut x = vec![1.0f64; n];
@@ -120,7 +121,7 @@ fn close(out: &mut Csr, a: &[f64], sums: &[f64]) -> f64 {
     for step in 0..=STEPS {
         let ratio = |i: usize| {
             let sum: f64 = row(out, i).map(|(j, s)| f64::from(s) * x[j]).sum::<f64>() * x[i];
-            if sums[i] > LEAST_SUM && sum > 0.0 { sum / (a[i] * sums[i]) } else { 1.0 }
+            if sums[i] > MIN_SUM && sum > 0.0 { sum / (a[i] * sums[i]) } else { 1.0 }
         };
         let ratios: Vec<f64> = (0..n).into_par_iter().map(ratio).collect();
         if step == STEPS {

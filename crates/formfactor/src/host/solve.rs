@@ -18,7 +18,7 @@ pub enum Stop {
     Tolerance(f32),
 }
 
-const MOST_STEPS: u32 = 10_000;
+const MAX_STEPS: u32 = 10_000;
 
 /// A light distribution. The fourth components are 0.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -33,7 +33,7 @@ pub struct Solution {
     pub iterations: u32,
 }
 
-/// Whether form factors, rows × columns, exitances and albedos are those of one system.
+/// Checks that form factors, rows × columns, exitances and albedos are those of one system.
 ///
 /// # Errors
 /// [`transport::Error::Length`]; [`transport::Error::Value`] for a source or albedo that is negative or not finite.
@@ -106,7 +106,7 @@ pub fn jacobi(
     check_inputs(operator.rows(), operator.columns(), source, albedo)?;
     let mut irradiance = vec![Vec4::ZERO; source.len()];
     let mut exitance = plain(source);
-    let most = if let Stop::Bounces(k) = stop { k } else { MOST_STEPS };
+    let most = if let Stop::Bounces(k) = stop { k } else { MAX_STEPS };
     let mut iterations = 0;
     while iterations < most {
         operator.apply(&exitance, &mut irradiance)?;
@@ -121,8 +121,8 @@ pub fn jacobi(
     Solution::of(operator, source, albedo, irradiance, iterations)
 }
 
-/// Gathering in place (Gauss–Seidel): each row uses the exitance of this sweep's earlier rows. One sweep is more than one
-/// bounce.
+/// Gathering in place (Gauss–Seidel): each row uses the exitance of this sweep's earlier rows. One sweep is more than
+/// one bounce.
 ///
 /// # Errors
 /// As [`jacobi`].
@@ -130,7 +130,7 @@ pub fn gauss_seidel(factors: &Dense, source: &[Vec4], albedo: &[Vec4], stop: Sto
     check_inputs(factors.rows, factors.columns, source, albedo)?;
     let mut irradiance = vec![Vec4::ZERO; source.len()];
     let mut exitance = plain(source);
-    let most = if let Stop::Bounces(k) = stop { k } else { MOST_STEPS };
+    let most = if let Stop::Bounces(k) = stop { k } else { MAX_STEPS };
     let mut iterations = 0;
     while iterations < most {
         let mut change = 0.0f32;
@@ -153,9 +153,9 @@ pub fn gauss_seidel(factors: &Dense, source: &[Vec4], albedo: &[Vec4], stop: Sto
 }
 
 /// Progressive shooting (Southwell relaxation; Cohen et al. 1988): the patch with the most unshot power sends it,
-/// `ΔH_j = F_ji ΔB_i = F_ij ΔB_i A_i / A_j`, so that one row of F serves one shot. F must be reciprocal ([`super::balance`]).
-/// Ends when the unshot power of every patch is below the tolerance times the emitted power, or after as many shots as
-/// `Stop::Bounces` says.
+/// `ΔH_j = F_ji ΔB_i = F_ij ΔB_i A_i / A_j`, so that one row of F serves one shot. F must be reciprocal
+/// ([`super::balance`]). Ends when the unshot power of every patch is below the tolerance times the emitted power, or
+/// after as many shots as `Stop::Bounces` says.
 ///
 /// # Errors
 /// As [`jacobi`], and [`transport::Error::Value`] for an area that is not positive.
@@ -174,7 +174,7 @@ pub fn shoot(factors: &Dense, area: &[f32], source: &[Vec4], albedo: &[Vec4], st
     let total: f32 = unshot.iter().zip(area).map(|(&b, &a)| power(b, a)).sum();
     let (most, tolerance) = match stop {
         Stop::Bounces(k) => (k, 0.0),
-        Stop::Tolerance(t) => (MOST_STEPS.saturating_mul(n.max(1) as u32), t),
+        Stop::Tolerance(t) => (MAX_STEPS.saturating_mul(n.max(1) as u32), t),
     };
     let mut iterations = 0;
     while iterations < most {

@@ -37,7 +37,8 @@ pub struct SparseRows {
 /// `progress(done, total)` is called now and then, from any thread; breaking it cancels.
 ///
 /// # Errors
-/// What is wrong with the surfaces or the number of rays, [`transport::Error::TooMany`] entries, [`transport::Error::Cancelled`].
+/// What is wrong with the surfaces or the number of rays, [`transport::Error::TooMany`] entries,
+/// [`transport::Error::Cancelled`].
 pub fn sparse_rows(
     surfaces: &Surfaces,
     rays: u32,
@@ -101,13 +102,13 @@ fn collect_rows(
     Ok(out)
 }
 
-/// Adds the rows of [`sparse_rows`] to those of `rows`, as counts of hits: each ray of a row carries the same share, so its
-/// points should have equal weights, and as many rays each. In blocks, so that the hits are never together in memory.
-/// Returns the sky factors of the new rows.
+/// Adds the rows of [`sparse_rows`] to those of `rows`, as counts of hits: each ray of a row carries the same share, so
+/// its points should have equal weights, and as many rays each. In blocks, so that the hits are never together in
+/// memory. Returns the sky factors of the new rows.
 ///
 /// # Errors
-/// As [`sparse_rows`]; [`transport::Error::Length`] unless `rows` has one column a patch. Nothing is left half done: the rows of whole
-/// blocks stay.
+/// As [`sparse_rows`]; [`transport::Error::Length`] unless `rows` has one column a patch. Nothing is left half done:
+/// the rows of whole blocks stay.
 pub fn add_hit_rows(
     rows: &mut HitCounts,
     surfaces: &Surfaces,
@@ -121,9 +122,9 @@ pub fn add_hit_rows(
 }
 
 /// As [`add_hit_rows`], with [`QUADRANTS`] rows instead of one: the hits in each quadrant of the hemisphere round the
-/// normal of the row's first point, as [`transport::rotational_gradients`] has them. `sky_rows` gets as many rows: of the
-/// rays that escape, how many go to each bin of directions, which `sky_bin` names; it has one column a bin. Sky factors are
-/// those of the quadrants.
+/// normal of the row's first point, as [`transport::rotational_gradients`] has them. `sky_rows` gets as many rows: of
+/// the rays that escape, how many go to each bin of directions, which `sky_bin` names; it has one column a bin. Sky
+/// factors are those of the quadrants.
 ///
 /// # Errors
 /// As [`add_hit_rows`].
@@ -140,9 +141,9 @@ pub fn add_quadrant_rows(
     })
 }
 
-/// [`add_hit_rows`], or with sky rows [`add_quadrant_rows`], of rays that are traced by somebody else, on a GPU perhaps:
-/// `trace` gives the column of what each ray of some rows meets, row by row: a patch, the number of patches for the sky, one
-/// more for what no patch owns. Ray k of a row is [`crate::kernel::hemisphere::hemisphere_ray`].
+/// [`add_hit_rows`], or with sky rows [`add_quadrant_rows`], of rays that are traced by somebody else, on a GPU
+/// perhaps: `trace` gives the column of what each ray of some rows meets, row by row: a patch, the number of patches
+/// for the sky, one more for what no patch owns. Ray k of a row is [`crate::kernel::hemisphere::hemisphere_ray`].
 ///
 /// # Errors
 /// As [`add_hit_rows`], and what `trace` gives.
@@ -172,7 +173,7 @@ pub fn add_traced_rows<E: From<Error>>(
     })
 }
 
-/// What `work` makes of some rows, so many at a time that their rays are traced together.
+/// Applies `work` to groups of rows whose rays are traced together.
 fn in_groups(rows: Range<usize>, rays: u32, work: &dyn Fn(Range<usize>) -> Vec<u32>) -> Vec<u32> {
     let group = (GROUP_RAYS / rays as usize).max(1);
     rows.clone().step_by(group).flat_map(|first| work(first..(first + group).min(rows.end))).collect()
@@ -209,8 +210,8 @@ fn add_rows<E: From<Error>>(
     Ok(sky_factor)
 }
 
-/// The irradiance that the rows of [`sparse_rows`] would gather from this exitance, W/m², without the rows: for points that are
-/// asked once. The fourth component is 0.
+/// The irradiance that the rows of [`sparse_rows`] would gather from this exitance, W/m², without the rows: for points
+/// that are asked once. The fourth component is 0.
 ///
 /// # Errors
 /// As [`sparse_rows`]; [`transport::Error::Length`] unless there is one exitance a patch.
@@ -245,7 +246,7 @@ impl<'a> Watch<'a> {
         Self { total, progress, done: AtomicUsize::new(0), cancelled: AtomicBool::new(false) }
     }
 
-    /// What `work` makes of each task of these rows, in order.
+    /// Applies `work` to each task of these rows, in order.
     fn tasks<T: Send>(&self, rows: Range<usize>, work: impl Fn(Range<usize>) -> T + Sync) -> Result<Vec<T>, Error> {
         let task = |first: usize| {
             let rows = first..(first + TASK_ROWS).min(rows.end);

@@ -25,9 +25,10 @@ fn point_of_ray(rays: u32, count: u32, k: u32) -> (u32, u32) {
     }
 }
 
-/// Origin and unit direction of ray `k` of row `row`: density cosθ/π round the point's normal, Sobol points in contiguous
-/// blocks (each block stratified by itself, and all together), shifted by the row's own random vector (Cranley and
-/// Patterson 1976). The origin stands `ray_offset` above the surface. Needs `k < rays` and a row with at least one point.
+/// Origin and unit direction of ray `k` of row `row`: density cosθ/π round the point's normal, Sobol points in
+/// contiguous blocks (each block stratified by itself, and all together), shifted by the row's own random vector
+/// (Cranley and Patterson 1976). The origin stands `ray_offset` above the surface. Needs `k < rays` and a row with at
+/// least one point.
 #[inline]
 pub fn hemisphere_ray(
     p: &HemisphereParams,
@@ -58,8 +59,9 @@ pub fn ray_share(p: &HemisphereParams, offsets: &[u32], points: &[SurfacePoint],
     points[(first + s) as usize].weight / block as f32
 }
 
-/// Column of what a ray met: the patch that owns the hit, `patch_count` for the sky, `patch_count + 1` for a hit that no
-/// patch owns. `grids[triangle]` numbers the cells of each triangle, and `cell_columns[cell]` names the patch of each.
+/// Column of what a ray met: the patch that owns the hit, `patch_count` for the sky, `patch_count + 1` for a hit that
+/// no patch owns. `grids[triangle]` numbers the cells of each triangle, and `cell_columns[cell]` names the patch of
+/// each.
 #[inline]
 pub fn classify_hit(
     p: &HemisphereParams,

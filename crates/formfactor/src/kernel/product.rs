@@ -1,4 +1,4 @@
-//! What comes before the product H = F B: first exitance of patches. The products themselves are those of
+//! The step before the product H = F B: first exitance of patches. The products themselves are those of
 //! [`transport::kernel::product`], what comes after them is [`transport::kernel::grid`]'s.
 
 use glam::Vec4;

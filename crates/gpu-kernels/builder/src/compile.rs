@@ -18,7 +18,7 @@ const LOCAL_TOOLCHAIN: &str = "rust-gpu-1.96";
 /// The public toolchain that the same backend asks for.
 const PUBLIC_TOOLCHAIN: &str = "nightly-2026-04-11";
 
-/// What a compilation gives.
+/// Result of a compilation.
 pub struct Compiled {
     /// Modules by file name, `<entry point>.spv`.
     pub modules: Modules,
@@ -29,7 +29,8 @@ pub struct Compiled {
 }
 
 impl Compiled {
-    /// What the laboratory's crate in a folder declares, with all sources, and what the library's crates do.
+    /// Splits into the kernels declared by the laboratory's crate in a folder, with all sources, and those of the
+    /// library's crates.
     pub fn split(self, lab: &Path) -> Result<(Self, Self)> {
         let mut declared = String::new();
         for entry in fs::read_dir(lab.join("src"))? {

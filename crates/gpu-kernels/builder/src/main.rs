@@ -1,12 +1,13 @@
-//! Compiles the crates of kernels to SPIR-V: sources → `spv/*.spv` of each, one file per entry point, and `spv/manifest.toml`.
+//! Compiles the crates of kernels to SPIR-V: sources → `spv/*.spv` of each, one file per entry point, and
+//! `spv/manifest.toml`.
 //!
 //! ```text
 //! cargo run --release             compile and write
 //! cargo run --release -- --check  compile into a temporary folder and compare: exit status 1 names what differs
 //! ```
 //!
-//! The compiler is the toolchain `rust-gpu-1.96` of `../shared/rust-gpu` when it is installed. Elsewhere take the public
-//! one, which compiles the backend together with the builder:
+//! The compiler is the toolchain `rust-gpu-1.96` of `../shared/rust-gpu` when it is installed. Elsewhere take the
+//! public one, which compiles the backend together with the builder:
 //!
 //! ```text
 //! rustup toolchain install nightly-2026-04-11 -c rust-src,rustc-dev,llvm-tools
@@ -53,7 +54,8 @@ fn run() -> Result<bool> {
     let builder = Path::new(&builder);
     let root: PathBuf = builder.join("../../..").canonicalize()?;
     let target = std::env::var_os("CARGO_TARGET_DIR").map_or_else(|| builder.join("target"), PathBuf::from);
-    // The crate of the laboratory links the library's own, whose entry points it therefore has, too: one compilation for both.
+    // The crate of the laboratory links the library's own, whose entry points it therefore has, too: one compilation
+    // for both.
     let compiled = compile::compile(&root.join(LAB), &root, &target)?;
     let (lab, own) = compiled.split(&root.join(LAB))?;
     let is_fresh = [finish(&root, OWN, &own, check)?, finish(&root, LAB, &lab, check)?];

@@ -1,6 +1,6 @@
 //! Host forms of the form-factor kernels and of the products.
 
-use ::formfactor::kernel::hits::{COUNT_STEP, MOST_HIT_COLUMNS, WORD_COUNTS};
+use ::formfactor::kernel::hits::{COUNT_STEP, MAX_HIT_COLUMNS, WORD_COUNTS};
 use ::formfactor::{GatherParams, HitsParams};
 use ::scene::Rgb;
 use ::transport::kernel::product::{self, LANES, ROWS_TOGETHER, RowSums};
@@ -14,7 +14,7 @@ use crate::params::CountParams;
 use crate::table::Kernel;
 
 /// Numbers of 16 bits.
-const MOST_COLUMNS: usize = MOST_HIT_COLUMNS as usize;
+const MAX_COLUMNS: usize = MAX_HIT_COLUMNS as usize;
 
 /// Parts of a dense product: settings, factors, exitance, and the rows of the result.
 type Dense<'s, 'a> = (GatherParams, Bound<'s, 'a>, Bound<'s, 'a>, &'s mut [Rgb]);
@@ -25,8 +25,8 @@ fn dense<'s, 'a>(kernel: &Kernel, call: &'s mut HostCall<'_, 'a>) -> Result<Dens
     Ok((p, factors, exitance, &mut irradiance.write::<Rgb>(first + rows)?[first..]))
 }
 
-/// Four rows by [`LANES`] lanes and the tree over them: the additions of a workgroup, lane by lane, but with the vectors in
-/// the order in which they lie in memory.
+/// Four rows by [`LANES`] lanes and the tree over them: the additions of a workgroup, lane by lane, but with the
+/// vectors in the order in which they lie in memory.
 fn gather_together(p: &GatherParams, rows: &mut [Rgb], first: u32, factors: impl Fn(u32, u32) -> Vec4, light: &[Rgb]) {
     let row = |k: u32| product::clamp_row(first + k, p.rows);
     let (a, b, c, d) = (row(0), row(1), row(2), row(3));
@@ -123,15 +123,15 @@ impl<'a> HitRows<'a> {
         let quads = quads.read::<UVec2>(bound as usize)?;
         let counts = bytemuck::cast_slice(counts.read::<u32>(bound.div_ceil(WORD_COUNTS) as usize)?);
         let (scales, light) = (scales.read::<f32>(n)?, exitance.read::<Rgb>(0)?);
-        let known = light.len().min(MOST_COLUMNS);
-        let mut exitance = std::vec![Vec4::ZERO; MOST_COLUMNS];
+        let known = light.len().min(MAX_COLUMNS);
+        let mut exitance = std::vec![Vec4::ZERO; MAX_COLUMNS];
         exitance[..known].copy_from_slice(&light[..known]);
         Ok(Self { first_quad, row_start, quads, counts, scales, exitance })
     }
 
     #[inline]
     pub(super) fn gather(&self, k: usize) -> Rgb {
-        let Some(table) = self.exitance.first_chunk::<MOST_COLUMNS>() else { return Vec4::ZERO };
+        let Some(table) = self.exitance.first_chunk::<MAX_COLUMNS>() else { return Vec4::ZERO };
         let quad = |k: usize| (self.row_start[k] - self.first_quad) as usize;
         let own = quad(k)..quad(k + 1);
         let mut sum = Vec4::ZERO;

@@ -19,12 +19,12 @@ fn check(binding: &'static str, most: Option<u32>, found: usize) -> Result<(), H
     }
 }
 
-/// How many leaves runs of them need.
+/// Number of leaves that runs of them need.
 pub(crate) fn end_of_runs(runs: &[UVec2]) -> usize {
     runs.iter().map(|run| run.y).max().unwrap_or(0) as usize
 }
 
-/// How many slots a table of them names, but for those that keep what they had.
+/// Number of slots that a table names, except those that keep what they had.
 pub(crate) fn slots_named(slots: &[u32]) -> usize {
     slots.iter().filter(|slot| **slot != KEPT).max().map_or(0, |slot| *slot as usize + 1)
 }

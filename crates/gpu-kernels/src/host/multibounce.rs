@@ -12,7 +12,7 @@ use rayon::prelude::*;
 use super::{Bound, HostCall, HostError};
 use crate::table::{ImageFormat, Kernel};
 
-/// What the products have beside the blocks.
+/// Parts of the products beside the blocks.
 struct Parts<'s> {
     p: BlockParams,
     tile_scales: &'s [Vec4],

@@ -1,5 +1,5 @@
-//! Host forms of the kernels that sample rows: the bodies on all cores. Columns beyond the light are taken for the last one by
-//! the bodies themselves, so that a frame need not look at every entry.
+//! Host forms of the kernels that sample rows: the bodies on all cores. Columns beyond the light are taken for the last
+//! one by the bodies themselves, so that a frame need not look at every entry.
 
 use ::scene::Rgb;
 use ::temporal::kernel::sample::{COLORED, NARROW, has};

@@ -56,8 +56,8 @@ pub(crate) fn multiply_vt(kernel: &Kernel, call: &mut HostCall) -> Result<(), Ho
     Ok(())
 }
 
-/// How many packed groups runs have in all, each at most [`RUN_GROUPS`]; more than any table has when `runs` does not ascend
-/// like that.
+/// Number of packed groups in all runs, each at most [`RUN_GROUPS`]; more than any table has when `runs` does not
+/// ascend like that.
 fn runs_of(runs: &[u32]) -> usize {
     let few = |run: &[u32]| run[1].checked_sub(run[0]).is_some_and(|groups| groups <= RUN_GROUPS);
     if runs.windows(2).all(few) { runs.last().map_or(0, |&k| k as usize) } else { usize::MAX / GROUP_VECTORS as usize }

@@ -1,10 +1,10 @@
-//! What a row of the table says.
+//! A row of the table.
 
 use glam::UVec3;
 
 use crate::host::{HostCall, HostError};
 
-/// How a kernel uses a binding.
+/// Use of a binding by a kernel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Access {
     /// Only read.
@@ -63,10 +63,11 @@ impl ImageFormat {
     }
 }
 
-/// What is bound.
+/// Kind of resource at a binding.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum BindingKind {
-    /// Storage buffer: an array of elements of `stride` bytes. Needs at least one element, for Vulkan has no empty buffers.
+    /// Storage buffer: an array of elements of `stride` bytes. Needs at least one element, for Vulkan has no empty
+    /// buffers.
     Storage {
         /// Bytes from element to element.
         stride: u32,
@@ -83,9 +84,9 @@ pub enum BindingKind {
 pub struct Binding {
     /// Name of the argument, for messages.
     pub name: &'static str,
-    /// How it is used.
+    /// Use of the binding.
     pub access: Access,
-    /// What is bound.
+    /// Kind of the bound resource.
     pub kind: BindingKind,
 }
 
@@ -102,12 +103,12 @@ pub struct Kernel {
     pub elements_per_group: u32,
     /// Bytes of push constants, at most 128.
     pub push_bytes: u32,
-    /// Where in the push constants the number of elements stands: offsets of one number, or of two
-    /// whose product it is.
+    /// Position of the number of invocations in the push constants: offsets of one number, or of two whose product it
+    /// is.
     pub counts: &'static [usize],
     /// Bindings 0, 1, … of descriptor set 0.
     pub bindings: &'static [Binding],
-    /// The same bodies over all elements, on all cores of the host: [`Kernel::run_on_host`].
+    /// Host form: the same body over all invocations, on all cores of the host: [`Kernel::run_on_host`].
     #[doc(hidden)]
     pub host: fn(&Kernel, &mut HostCall) -> Result<(), HostError>,
     /// A single invocation of the entry point, for tests; `None` where the host cannot call it,

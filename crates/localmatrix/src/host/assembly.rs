@@ -14,12 +14,13 @@ pub(super) type Row = Vec<(u32, f32)>;
 #[derive(Clone, Copy, Default)]
 struct RowEstimate {
     factor: f32,
-    /// Whether the row has only an ancestor of the other node, whose form factor is shared out by area.
+    /// True if the row has only an ancestor of the other node, whose form factor is shared out by area.
     is_coarse: bool,
 }
 
-/// Spreads a row over the nodes of `cut`, which are in order and none an ancestor of another one, by `add(position in the cut, factor,
-/// is_coarse)`. An entry goes to the node that covers it; where several are finer than the entry, they share it by their areas.
+/// Spreads a row over the nodes of `cut`, which are in order and none an ancestor of another one, by `add(position in
+/// the cut, factor, is_coarse)`. An entry goes to the node that covers it; where several are finer than the entry, they
+/// share it by their areas.
 fn spread(row: &[(u32, f32)], cut: &[u32], nodes: &[Node], forest: &Forest, mut add: impl FnMut(usize, f32, bool)) {
     for &(column, factor) in row {
         let mut at = forest.first_from(cut, column);
@@ -34,8 +35,9 @@ fn spread(row: &[(u32, f32)], cut: &[u32], nodes: &[Node], forest: &Forest, mut 
     }
 }
 
-/// Rows of F from nodes that enter to all of `cut`, which they are part of: `A_a F_ab` is the mean of both row estimates, or the finer
-/// one where the other is coarse. So F̂ is symmetric and depends on the cut alone, not on the order in which its nodes came.
+/// Rows of F from nodes that enter to all of `cut`, which they are part of: `A_a F_ab` is the mean of both row
+/// estimates, or the finer one where the other is coarse. So F̂ is symmetric and depends on the cut alone, not on the
+/// order in which its nodes came.
 pub(super) fn assemble<'a>(
     entering: &[u32],
     cut: &[u32],

@@ -18,7 +18,7 @@ const SLOT_STEP: usize = 4;
 pub struct CameraSettings {
     /// Patches and merged patches that the matrix holds at most.
     pub slots: usize,
-    /// How many of them enter or leave in a frame at most.
+    /// Greatest number of them that enter or leave in a frame.
     pub budget: usize,
     /// Frames for which the camera's path is predicted.
     pub predicted_frames: f32,
@@ -27,7 +27,7 @@ pub struct CameraSettings {
     /// Display white: irradiance that is displayed as white, W/m². Changes alter no displayed value by more than two
     /// 255ths a frame.
     pub display_white: f32,
-    /// Whether each frame waits for all changes, whatever the budget.
+    /// Waits for all changes in each frame, whatever the budget.
     pub at_rest: bool,
 }
 
@@ -43,10 +43,10 @@ impl Default for CameraSettings {
     }
 }
 
-/// What a frame did with the matrix.
+/// Work that a frame did on the matrix.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct CameraFrame {
-    /// What changed.
+    /// Changes made.
     pub step: Step,
     /// Patches and merged patches in the matrix.
     pub patches: usize,
@@ -76,18 +76,18 @@ pub struct CameraMatrix {
     order: Vec<u32>,
     predicted_frames: f32,
     eye: Vec3,
-    /// Where the camera is predicted to be.
+    /// Predicted camera position.
     predicted: Vec3,
     is_first: bool,
     at_rest: bool,
-    /// What [`Self::choose`] has done at rest.
+    /// Work that [`Self::choose`] has done at rest.
     done: Step,
     last: CameraFrame,
 }
 
 impl CameraMatrix {
-    /// The matrix for a camera at `eye` in a world; leaf k of the world is the patch `order[k]`. `go_on` is told the share
-    /// that is done, and answers whether to go on.
+    /// The matrix for a camera at `eye` in a world; leaf k of the world is the patch `order[k]`. `go_on` is told the
+    /// share that is done, and answers whether to go on.
     ///
     /// # Errors
     /// Settings out of their range; [`Error::Cancelled`].
@@ -132,7 +132,7 @@ impl CameraMatrix {
         self.eye = eye;
     }
 
-    /// What the last frame did.
+    /// Report of the last frame.
     pub fn last(&self) -> &CameraFrame {
         &self.last
     }
@@ -147,7 +147,7 @@ impl CameraMatrix {
         &self.local
     }
 
-    /// The same to change.
+    /// The local matrix, to change it.
     pub fn local_mut(&mut self) -> &mut Local {
         &mut self.local
     }
@@ -157,12 +157,12 @@ impl CameraMatrix {
         &self.order
     }
 
-    /// Whether each frame begins with all changes made, none of which [`Self::choose`] tells.
+    /// Returns true if each frame begins with all changes made, none of which [`Self::choose`] tells.
     pub fn is_at_rest(&self) -> bool {
         self.at_rest
     }
 
-    /// What this frame is to change. Before the first one all is made ready, at rest before each.
+    /// Chooses the changes of this frame. Before the first one all is made ready, at rest before each.
     ///
     /// # Errors
     /// What the world and the matrix say.
@@ -194,8 +194,8 @@ impl CameraMatrix {
         self.last.product = 3 * (lit * self.last.patches) as u64;
     }
 
-    /// Irradiance of the patches of all bounces from their first exitance, W/m², by this host. `clock` tells the time in
-    /// milliseconds from any moment on.
+    /// Irradiance of the patches of all bounces from their first exitance, W/m², by this host. `clock` tells the time
+    /// in milliseconds from any moment on.
     ///
     /// # Errors
     /// What the matrix says.

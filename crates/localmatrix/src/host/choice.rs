@@ -21,9 +21,9 @@ pub fn distance_to_path(point: Vec3, eye: Vec3, predicted: Vec3) -> f32 {
     point.distance(eye + path * along)
 }
 
-/// The nearest `capacity` patches; those that are in count as `hysteresis` of their distance nearer, so that a camera that
-/// trembles moves nothing. `distance` has one entry a patch; those that are not finite stay out. At most `budget` enter,
-/// the nearest of them, and no more leave than must.
+/// The nearest `capacity` patches; those that are in count as `hysteresis` of their distance nearer, so that a camera
+/// that trembles moves nothing. `distance` has one entry a patch; those that are not finite stay out. At most `budget`
+/// enter, the nearest of them, and no more leave than must.
 pub fn choose(
     distance: &[f32],
     is_in: impl Fn(u32) -> bool,

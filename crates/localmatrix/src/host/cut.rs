@@ -9,7 +9,7 @@ use super::choice::distance_to_path;
 use super::forest::Forest;
 use super::world::Node;
 
-/// Where the camera is, and where it is predicted to be.
+/// Camera position, and the predicted one.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct View {
     /// The camera, m.
@@ -43,7 +43,7 @@ impl Ord for Ranked {
     }
 }
 
-/// What ranks nodes by their apparent size.
+/// Ranks nodes by their apparent size.
 pub(super) struct Chooser<'a> {
     pub nodes: &'a [Node],
     pub forest: &'a Forest,
@@ -64,7 +64,7 @@ impl Chooser<'_> {
         scene::math::sqrt(area) / (distance + self.near)
     }
 
-    /// The same, with hysteresis: for nodes that are in, or whose descendants are.
+    /// Rank with hysteresis: for nodes that are in, or whose descendants are.
     fn rank(&self, node: u32) -> f32 {
         let at = self.forest.first_from(self.cut, node);
         let is_in = self.cut.get(at).is_some_and(|&one| self.forest.covers(node, one));
@@ -74,8 +74,9 @@ impl Chooser<'_> {
         self.apparent_size(node) * if is_finer || (is_root && is_in) { 1.0 + self.hysteresis } else { 1.0 }
     }
 
-    /// At most `capacity` nodes that cover the world, or the part of it of the greatest apparent size where its roots are too many
-    /// already; in order. The node of the greatest apparent size is divided first. Nodes that `is_excluded` are not divided into.
+    /// At most `capacity` nodes that cover the world, or the part of it of the greatest apparent size where its roots
+    /// are too many already; in order. The node of the greatest apparent size is divided first. Nodes that
+    /// `is_excluded` are not divided into.
     pub fn choose(&self, capacity: usize, is_excluded: impl Fn(u32) -> bool) -> Vec<u32> {
         let roots = self.forest.roots().iter().filter(|&&root| !is_excluded(root));
         let mut ranked: Vec<Ranked> = roots.map(|&root| Ranked(self.rank(root), root)).collect();
@@ -97,8 +98,8 @@ impl Chooser<'_> {
         chosen
     }
 
-    /// What leads from the cut there is to another one, `(finer, coarser, out)`: replacements of one node by several, of several by one,
-    /// nodes that go without others in their place; what comes without is in `finer`.
+    /// Replacements that lead from the present cut to another one, `(finer, coarser, out)`: of one node by several, of
+    /// several by one, and of nodes that go without others in their place; nodes that come without are in `finer`.
     pub fn replacements(&self, target: &[u32]) -> (Vec<Replacement>, Vec<Replacement>, Vec<u32>) {
         let (mut finer, mut coarser, mut out) = (Vec::new(), Vec::new(), Vec::new());
         let (mut i, mut j) = (0, 0);

@@ -5,8 +5,8 @@ use alloc::vec::Vec;
 use super::world::{NO_NODE, Node};
 use crate::error::Error;
 
-/// The leaves of a forest in the order of its trees, and the run of them that each node covers: a node is an ancestor of another one, or
-/// itself, where its run holds the other's.
+/// The leaves of a forest in the order of its trees, and the run of them that each node covers: a node is an ancestor
+/// of another one, or itself, where its run holds the other's.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Forest {
     /// First leaf of each node, and the one after its last.
@@ -89,13 +89,14 @@ impl Forest {
         self.runs[node as usize]
     }
 
-    /// Whether a node is another one, or an ancestor of it.
+    /// Returns true if a node is another one, or an ancestor of it.
     pub fn covers(&self, node: u32, other: u32) -> bool {
         let (a, b) = (self.run(node), self.run(other));
         a[0] <= b[0] && b[1] <= a[1]
     }
 
-    /// The first of some nodes, which are in order and none an ancestor of another one, that does not end before a node begins.
+    /// The first of some nodes, which are in order and none an ancestor of another one, that does not end before a node
+    /// begins.
     pub(super) fn first_from(&self, cut: &[u32], node: u32) -> usize {
         cut.partition_point(|&one| self.run(one)[1] <= self.run(node)[0])
     }

@@ -21,15 +21,15 @@ const TOGETHER: usize = 32;
 /// Distances below so many edges of a patch are all alike.
 const NEAR: f32 = 2.0;
 /// Rounds of [`Local::settle`] in which no row is missing: each makes all changes but those that do not fit at once.
-const MOST_ROUNDS: usize = 256;
+const MAX_ROUNDS: usize = 256;
 
-/// What [`Local::settle`] does while rows are under way: it sleeps.
+/// Pause of [`Local::settle`] while rows are under way: it sleeps.
 #[cfg(feature = "std")]
 fn pause() {
     std::thread::sleep(core::time::Duration::from_millis(1));
 }
 
-/// What [`Local::settle`] does while rows are under way: there is no thread to leave the core to.
+/// Pause of [`Local::settle`] while rows are under way: there is no thread to leave the core to.
 #[cfg(not(feature = "std"))]
 fn pause() {
     core::hint::spin_loop();
@@ -94,7 +94,7 @@ impl LocalSettings {
     }
 }
 
-/// What a step is about to change, see [`Local::choose`].
+/// Changes that a step is about to make, see [`Local::choose`].
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Changes {
     /// Nodes that enter, with their rows.
@@ -109,13 +109,13 @@ pub struct Changes {
 }
 
 impl Changes {
-    /// Whether nothing changes.
+    /// Returns true if nothing changes.
     pub fn is_empty(&self) -> bool {
         self.enter.is_empty() && self.leave.is_empty() && self.out.is_empty()
     }
 }
 
-/// What a step did.
+/// Changes made by a step.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Step {
     /// Nodes that entered.
@@ -173,7 +173,7 @@ pub struct Local {
     excluded: HashSet<u32>,
     /// Columns that are yet to be refreshed.
     repair: usize,
-    /// What is left of jumps of the light, for each leaf, from the first one on.
+    /// Remaining jumps of the light, for each leaf, from the first one on.
     offset: Vec<Vec4>,
 }
 
@@ -202,7 +202,7 @@ impl Local {
         })
     }
 
-    /// What it was made with.
+    /// Settings that it was made with.
     pub fn settings(&self) -> &LocalSettings {
         &self.settings
     }
@@ -330,7 +330,7 @@ impl Local {
         changes
     }
 
-    /// Whether the rows of what enters are there; those that are not are wanted.
+    /// Returns true if the rows of what enters are there; those that are not are wanted.
     fn fetch(
         &mut self,
         world: &mut dyn World,
@@ -468,9 +468,9 @@ impl Local {
         self.apply(world, changes)
     }
 
-    /// Steps without a budget until the nodes are those that suit the camera: before the first frame. Each step waits until all
-    /// rows of its choice are there, so that the result is the same however fast they come. `go_on(done)` is told how many rows
-    /// are there and says whether to go on. Returns the work.
+    /// Steps without a budget until the nodes are those that suit the camera: before the first frame. Each step waits
+    /// until all rows of its choice are there, so that the result is the same however fast they come. `go_on(done)` is
+    /// told how many rows are there and says whether to go on. Returns the work.
     ///
     /// # Errors
     /// As [`Self::apply`]; [`Error::Cancelled`].
@@ -497,14 +497,15 @@ impl Local {
             whole = step.after(whole);
             // Hysteresis has a cut stay as it is; should two alternate nevertheless, either will do.
             rounds += 1;
-            if (is_done && !has_lost) || rounds > MOST_ROUNDS {
+            if (is_done && !has_lost) || rounds > MAX_ROUNDS {
                 return Ok(whole);
             }
         }
     }
 
-    /// Irradiance of the leaves from their exitance, W/m², both in the leaves' order; `is_seen` of the nodes says which are of any
-    /// use, the others get nothing. No light comes to leaves that nothing stands for. Returns how many nodes are lit.
+    /// Irradiance of the leaves from their exitance, W/m², both in the leaves' order; `is_seen` of the nodes says which
+    /// are of any use, the others get nothing. No light comes to leaves that nothing stands for. Returns how many nodes
+    /// are lit.
     ///
     /// # Errors
     /// [`transport::Error::Length`] unless both have one element a leaf.
@@ -526,7 +527,8 @@ impl Local {
         Ok(lit)
     }
 
-    /// As [`Self::product`], from the exitance of each slot to its irradiance, W/m², `[M]`, where the light of leaves is that of their node.
+    /// As [`Self::product`], from the exitance of each slot to its irradiance, W/m², `[M]`, where the light of leaves
+    /// is that of their node.
     ///
     /// # Errors
     /// [`transport::Error::Length`] unless there is one element a slot.
@@ -539,8 +541,9 @@ impl Local {
         Ok((irradiance, lit.len()))
     }
 
-    /// A frame: a step, and the irradiance of the leaves from their exitance, W/m², both in the leaves' order. What the step changes of the
-    /// light is not there at once: it comes over the next frames, whatever the lights do in the meantime.
+    /// A frame: a step, and the irradiance of the leaves from their exitance, W/m², both in the leaves' order. What the
+    /// step changes of the light is not there at once: it comes over the next frames, whatever the lights do in the
+    /// meantime.
     ///
     /// # Errors
     /// As [`Self::apply`] and [`Self::product`].
@@ -564,8 +567,8 @@ impl Local {
         Ok(step)
     }
 
-    /// Adds to the irradiance of the leaves what is left of the jumps that changes of the matrix made: `before` is the irradiance of the
-    /// same exitance before the changes of this frame, or empty where there were none.
+    /// Adds to the irradiance of the leaves what is left of the jumps that changes of the matrix made: `before` is the
+    /// irradiance of the same exitance before the changes of this frame, or empty where there were none.
     pub fn fade(&mut self, before: &[Vec4], irradiance: &mut [Vec4]) {
         let params = self.fade_params(!before.is_empty());
         self.offset.resize(self.leaf_area.len(), Vec4::ZERO);
@@ -575,7 +578,7 @@ impl Local {
         });
     }
 
-    /// How jumps of the light shrink in a frame; `has_jump` where the matrix has changed.
+    /// Parameters of fading jumps of the light; `has_jump` where the matrix has changed.
     pub fn fade_params(&self, has_jump: bool) -> FadeParams {
         let keep = 1.0 - 1.0 / self.settings.fade as f32;
         let display_white = self.settings.display_white;

@@ -14,7 +14,7 @@ use crate::error::Error;
 use crate::kernel::gather;
 
 /// Most slots: three times their square is counted in 32 bits.
-pub const MOST_SLOTS: usize = 32_768;
+pub const MAX_SLOTS: usize = 32_768;
 
 /// A patch that enters.
 #[derive(Clone, Copy, Debug)]
@@ -30,7 +30,7 @@ pub struct Entering<'a> {
     pub factors: &'a [(u32, f32)],
 }
 
-/// What a slot holds.
+/// Content of a slot.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Slot {
     Free,
@@ -39,7 +39,8 @@ enum Slot {
     Ghost(u32, u64),
 }
 
-/// A change of the matrix, for a copy of it elsewhere: `T̂ ← T̂ + sign · Σ_k r_k r_kᵀ`, then some slots get new rows and columns.
+/// A change of the matrix, for a copy of it elsewhere: `T̂ ← T̂ + sign · Σ_k r_k r_kᵀ`, then some slots get new rows
+/// and columns.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Update {
     /// 1 or −1.
@@ -76,7 +77,8 @@ pub struct LocalMatrix {
     record: Option<Vec<Update>>,
 }
 
-/// `H = T E` between the patches that are in the matrix, by slots; what other slots have is not looked at, and they get 0.
+/// `H = T E` between the patches that are in the matrix, by slots; what other slots have is not looked at, and they get
+/// 0.
 impl LinearOperator for LocalMatrix {
     fn shape(&self) -> (usize, usize) {
         (self.slots(), self.slots())
@@ -99,9 +101,9 @@ impl LocalMatrix {
     /// So many slots, all free: 16 bytes for each pair of them.
     ///
     /// # Errors
-    /// [`transport::Error::Setting`] for no slots or more than [`MOST_SLOTS`].
+    /// [`transport::Error::Setting`] for no slots or more than [`MAX_SLOTS`].
     pub fn new(slots: usize) -> Result<Self, Error> {
-        if !(1..=MOST_SLOTS).contains(&slots) {
+        if !(1..=MAX_SLOTS).contains(&slots) {
             return Err(transport::Error::Setting { name: "slots", value: slots as f64, rule: "1 to 32768" }.into());
         }
         Ok(Self {
@@ -130,7 +132,7 @@ impl LocalMatrix {
         (self.contents[slot as usize] == Slot::Active(patch)).then_some(slot)
     }
 
-    /// Whether a patch left, but still passes light on.
+    /// Returns true if a patch left, but still passes light on.
     pub fn has_ghost(&self, patch: u32) -> bool {
         self.slots.contains_key(&patch) && self.slot(patch).is_none()
     }
@@ -168,7 +170,7 @@ impl LocalMatrix {
         self.record.get_or_insert_with(Vec::new);
     }
 
-    /// What has changed since the last time; nothing unless it is recorded.
+    /// Takes the changes since the last call; empty unless recorded.
     pub fn take_updates(&mut self) -> Vec<Update> {
         self.record.as_mut().map(core::mem::take).unwrap_or_default()
     }
@@ -190,8 +192,8 @@ impl LocalMatrix {
         record.push(update);
     }
 
-    /// Lets patches enter, as one border. Those that are ghosts with the same area and reflectance come back without any work;
-    /// ghosts that left longest ago give up their slots where none is free.
+    /// Lets patches enter, as one border. Those that are ghosts with the same area and reflectance come back without
+    /// any work; ghosts that left longest ago give up their slots where none is free.
     ///
     /// # Errors
     /// [`Error::Value`], [`Error::AlreadyThere`], [`Error::Full`], [`Error::Singular`].
@@ -232,7 +234,8 @@ impl LocalMatrix {
         border.inspect_err(|_| back.iter().zip(kept).for_each(|(&(slot, _), content)| self.contents[slot] = content))
     }
 
-    /// Lets patches leave: each becomes a ghost, by way of which light still goes, until it comes back or its slot is needed.
+    /// Lets patches leave: each becomes a ghost, by way of which light still goes, until it comes back or its slot is
+    /// needed.
     ///
     /// # Errors
     /// [`Error::NotThere`].
@@ -293,8 +296,8 @@ impl LocalMatrix {
     }
 
     /// Takes the error of rounding out of the next so many columns and their rows, by a step of Newton and Schulz,
-    /// `D = F̂ + F̂ P T̂ − T̂`, `T̂ ← T̂ + D + T̂ P D`; how great it was, relative to the columns, the worst of the channels. As many
-    /// columns as patches enter cost about twice as much as their border.
+    /// `D = F̂ + F̂ P T̂ − T̂`, `T̂ ← T̂ + D + T̂ P D`; how great it was, relative to the columns, the worst of the
+    /// channels. As many columns as patches enter cost about twice as much as their border.
     pub fn refresh(&mut self, columns: usize) -> f32 {
         let (n, slots) = (self.used, self.slots());
         let count = columns.min(n);
@@ -351,7 +354,7 @@ impl LocalMatrix {
         Ok(())
     }
 
-    /// Whether a slot holds the ghost of this very patch.
+    /// Returns true if a slot holds the ghost of this very patch.
     fn is_like(&self, slot: usize, one: &Entering) -> bool {
         let albedo = Vec3::from_array([0, 1, 2].map(|c| self.albedo[c][slot]));
         self.sqrt_area[slot] == scene::math::sqrt(one.area) && albedo == one.albedo
@@ -443,7 +446,8 @@ impl LocalMatrix {
         Ok(())
     }
 
-    /// Takes what is in these slots out of the matrix; `T̂ ← T̂ − Y Yᵀ` with `Y = T̂_K P½ L⁻ᵀ` and `L Lᵀ = I + P½ T̂_KK P½`.
+    /// Takes what is in these slots out of the matrix; `T̂ ← T̂ − Y Yᵀ` with `Y = T̂_K P½ L⁻ᵀ` and `L Lᵀ = I + P½ T̂_KK
+    /// P½`.
     fn take_away(&mut self, which: &[usize]) -> Result<(), Error> {
         let (k, n, slots) = (which.len(), self.used, self.slots());
         if k == 0 {

@@ -1,5 +1,5 @@
-//! Worlds on disk: a file of patches and their sparse rows of F, in spatial blocks with checksums; read ahead by a thread of
-//! its own, written block by block.
+//! Worlds on disk: a file of patches and their sparse rows of F, in spatial blocks with checksums; read ahead by a
+//! thread of its own, written block by block.
 //!
 //! # Format, version 1, all numbers little-endian
 //!
@@ -11,10 +11,10 @@
 //! | tail | offset (8), length and CRC-32 of each block; sky factor of each node |
 //! | end | length (8) and CRC-32 of the tail, `PLBAKEND`: 20 |
 //!
-//! Leaves are the first nodes, those made of them the others, level by level. A row is its sky factor, the share of its rays
-//! that was lost, numbers of its entries and points, a scale (4 each); columns (4 each, rising), shares in 65,535ths of
-//! the scale (2 each); points of the node where its direct light is measured: position (12), normal (6) and reflectance (6).
-//! Parts hold some of the leaves' blocks and no tail.
+//! Leaves are the first nodes, those made of them the others, level by level. A row is its sky factor, the share of its
+//! rays that was lost, numbers of its entries and points, a scale (4 each); columns (4 each, rising), shares in
+//! 65,535ths of the scale (2 each); points of the node where its direct light is measured: position (12), normal (6)
+//! and reflectance (6). Parts hold some of the leaves' blocks and no tail.
 
 mod error;
 #[cfg(feature = "std")]

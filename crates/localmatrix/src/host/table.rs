@@ -24,12 +24,12 @@ pub struct Surface {
     pub albedo: Vec3,
 }
 
-/// How much ambient occlusion counts, as so many times the extent of the patches that are to be divided.
+/// Weight of ambient occlusion, as so many times the extent of the patches that are to be divided.
 const OCCLUSION_WEIGHT: f32 = 3.0;
 
-/// A world in memory. A tree halves the patches by position, normal and what they see, a right angle between normals counting like the
-/// extent of those that are to be divided; a node's reflectance and row are the means of its patches', by their areas. When the rows are
-/// reciprocal, so are those of all nodes.
+/// A world in memory. A tree halves the patches by position, normal and what they see, a right angle between normals
+/// counting like the extent of those that are to be divided; a node's reflectance and row are the means of its
+/// patches', by their areas. When the rows are reciprocal, so are those of all nodes.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Table {
     nodes: Vec<Node>,
@@ -46,8 +46,8 @@ impl Table {
     /// A world of patches and the rows of F between them.
     ///
     /// # Errors
-    /// [`transport::Error::Length`] unless there is one row and one column a patch, and what [`Csr::check`] finds; values are
-    /// checked by [`super::Local::new`] and by the matrix.
+    /// [`transport::Error::Length`] unless there is one row and one column a patch, and what [`Csr::check`] finds;
+    /// values are checked by [`super::Local::new`] and by the matrix.
     pub fn new(surfaces: &[Surface], factors: Csr) -> Result<Self, Error> {
         let count = surfaces.len();
         check_length("rows", count, factors.rows)?;
@@ -151,7 +151,7 @@ fn merged(surfaces: &[Surface], patches: &[u32]) -> Node {
     }
 }
 
-/// What a patch sees, by its row.
+/// Visibility of a patch, by its row.
 struct Visibility {
     /// Mean visible point, m.
     mean_point: Vec3,
@@ -159,7 +159,7 @@ struct Visibility {
     occlusion: f32,
 }
 
-/// What each patch sees.
+/// Visibility of each patch.
 fn visibility(surfaces: &[Surface], factors: &Csr) -> Vec<Visibility> {
     let of = |i: usize| {
         let (mut sum, mut occlusion) = (Vec3::ZERO, 0.0);
@@ -176,8 +176,9 @@ fn visibility(surfaces: &[Surface], factors: &Csr) -> Vec<Visibility> {
     (0..surfaces.len()).into_par_iter().map(of).collect()
 }
 
-/// Brings patches into two halves, across the axis along which they are spread most: of position, normal, mean visible point, and ambient
-/// occlusion; what is under the sky and what is not have little light in common. Returns where they are cut.
+/// Brings patches into two halves, across the axis along which they are spread most: of position, normal, mean visible
+/// point, and ambient occlusion; what is under the sky and what is not have little light in common. Returns where they
+/// are cut.
 fn halve(surfaces: &[Surface], visibility: &[Visibility], patches: &mut [u32]) -> usize {
     let spread = |of: &dyn Fn(u32) -> Vec3| {
         let wider = |(low, high): (Vec3, Vec3), &patch: &u32| (low.min(of(patch)), high.max(of(patch)));

@@ -1,4 +1,4 @@
-//! Where patches and their rows of F come from: a table in memory, or files on a disk.
+//! Source of patches and their rows of F: a table in memory, or files on a disk.
 
 use alloc::vec::Vec;
 
@@ -9,8 +9,9 @@ use crate::error::Error;
 /// No node.
 pub const NO_NODE: u32 = u32::MAX;
 
-/// A patch, or several patches merged into one that stands for them in the distance. The nodes of a world are a forest; a *cut*
-/// through it, which has each leaf or one of its ancestors, once, is a set of patches that the light of the world can be between.
+/// A patch, or several patches merged into one that stands for them in the distance. The nodes of a world are a forest;
+/// a *cut* through it, which has each leaf or one of its ancestors, once, is a set of patches that the light of the
+/// world can be between.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Node {
     /// Middle of its surface, m.
@@ -36,12 +37,12 @@ pub trait World {
     /// All nodes; they stay in memory.
     fn nodes(&self) -> &[Node];
 
-    /// Asks for the rows of nodes that will be wanted, the most urgent first. Returns at once; what was asked for before and is
-    /// not in this list is no longer wanted.
+    /// Asks for the rows of nodes that will be wanted, the most urgent first. Returns at once; what was asked for
+    /// before and is not in this list is no longer wanted.
     fn want(&mut self, nodes: &[u32]);
 
-    /// The row of F of a node, `(node, share of its light that arrives there)`, or `None` as long as it is not there. Columns are nodes
-    /// of any level, none an ancestor of another one.
+    /// The row of F of a node, `(node, share of its light that arrives there)`, or `None` as long as it is not there.
+    /// Columns are nodes of any level, none an ancestor of another one.
     ///
     /// # Errors
     /// [`Error`] where the row was lost; the others are still good.

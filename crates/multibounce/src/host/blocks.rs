@@ -44,7 +44,7 @@ impl BlockCodec {
     }
 }
 
-/// How entries are bent before they are quantised, so that small ones keep more of their precision.
+/// Companding of entries before they are quantised, so that small ones keep more of their precision.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Companding {
@@ -77,7 +77,7 @@ impl Companding {
     }
 }
 
-/// What blocks hold in the place of outliers.
+/// Block values in the place of outliers.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Filling {
@@ -88,7 +88,7 @@ pub enum Filling {
     Zeros,
 }
 
-/// How a matrix is brought into blocks.
+/// Settings of the compression of a matrix into blocks.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct BlockSettings {
@@ -100,13 +100,13 @@ pub struct BlockSettings {
     pub outliers: f64,
     /// Entries along the edge of a tile, which shares a scale for each channel: a power of two, 4 to 1024.
     pub tile: usize,
-    /// What the blocks hold in the place of outliers.
+    /// Block values in the place of outliers.
     pub filling: Filling,
 }
 
 impl BlockSettings {
-    /// So many outliers that all takes at most a third of what one number of single precision an entry would, from some 1,000
-    /// rows on: 5 %, and 3.8 % where blocks take a byte an entry.
+    /// So many outliers that all takes at most a third of what one number of single precision an entry would, from some
+    /// 1,000 rows on: 5 %, and 3.8 % where blocks take a byte an entry.
     pub fn of(codec: BlockCodec) -> Self {
         let outliers = if codec == BlockCodec::Bc1 { 0.05 } else { 0.038 };
         Self { codec, outliers, ..Self::default() }
@@ -139,7 +139,7 @@ impl BlockBytes {
     }
 }
 
-/// What was lost.
+/// Loss by compression.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct BlockReport {
@@ -147,8 +147,8 @@ pub struct BlockReport {
     pub frobenius: f64,
     /// Mean of `(m'_ij − m_ij)²` over entries and channels.
     pub mse: f64,
-    /// The same over the entries that are no outliers, as they come from the blocks, before rows are scaled: what the order
-    /// of rows and columns decides (thesis, chapter 3).
+    /// Mean square error over the entries that are no outliers, as they come from the blocks, before rows are scaled:
+    /// what the order of rows and columns decides (thesis, chapter 3).
     pub block_mse: f64,
     /// Greatest factor by which a row had to be scaled to get its sum back.
     pub row_scaled_up: f32,
@@ -156,12 +156,12 @@ pub struct BlockReport {
     pub row_scaled_down: f32,
 }
 
-/// A square RGB matrix with entries ≥ 0, `m = diag(r) Pᵀ (D + O) P`: the order P, blocks D in tiles with scales, outliers O,
-/// and scales r of the rows. The product is `H_i = Σ_j m_ij B_j`.
+/// A square RGB matrix with entries ≥ 0, `m = diag(r) Pᵀ (D + O) P`: the order P, blocks D in tiles with scales,
+/// outliers O, and scales r of the rows. The product is `H_i = Σ_j m_ij B_j`.
 ///
-/// In the place of an outlier D holds the mean of the rest of its block, which bends no palette (zeros there give 1.6 times
-/// the squared error with BC1, 1.8 with BC3, at 2,000 clusters of Sponza), and O what is missing: so outliers
-/// are exact but for the rounding to halves. The scales of the rows give each row, in each channel, the sum that it had:
+/// In the place of an outlier D holds the mean of the rest of its block, which bends no palette (zeros there give 1.6
+/// times the squared error with BC1, 1.8 with BC3, at 2,000 clusters of Sponza), and O what is missing: so outliers are
+/// exact but for the rounding to halves. The scales of the rows give each row, in each channel, the sum that it had:
 /// constant light is kept exactly, and `‖diag(ρ) m‖∞`, which bounds the spectral radius, does not grow.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
@@ -189,7 +189,7 @@ impl BlockMatrix {
         self.permutation.is_empty()
     }
 
-    /// Whether the tables belong together, so that no product reads beyond them.
+    /// Checks that the tables belong together, so that no product reads beyond them.
     ///
     /// # Errors
     /// [`transport::Error::Length`], [`transport::Error::Value`], naming the table and the entry.
@@ -211,7 +211,7 @@ impl BlockMatrix {
         Ok(())
     }
 
-    /// How the matrix was brought into blocks.
+    /// Settings by which the matrix was brought into blocks.
     pub fn settings(&self) -> BlockSettings {
         self.settings
     }
@@ -241,7 +241,8 @@ impl BlockMatrix {
         &self.outliers
     }
 
-    /// Factor of each row and channel, in the order of the patches: `H_i = r_i Σ_k (D + O)_{permuted_index[i] k} B_{order[k]}`.
+    /// Factor of each row and channel, in the order of the patches: `H_i = r_i Σ_k (D + O)_{permuted_index[i] k}
+    /// B_{order[k]}`.
     pub fn row_scales(&self) -> &[Vec4] {
         &self.row_scales
     }
@@ -251,7 +252,7 @@ impl BlockMatrix {
         self.len().div_ceil(BLOCK as usize)
     }
 
-    /// What kernels need to know for `block_rows` rows of blocks from `first_block_row` on.
+    /// Kernel parameters for `block_rows` rows of blocks from `first_block_row` on.
     pub fn params(&self, first_block_row: u32, block_rows: u32) -> BlockParams {
         BlockParams { block_rows, first_block_row, ..params(self.len(), &self.settings) }
     }
@@ -281,7 +282,8 @@ impl BlockMatrix {
     /// Row `i` as the product has it, columns in the order of the patches.
     ///
     /// # Errors
-    /// [`transport::Error::Length`] unless `row` has an entry a column; [`transport::Error::Value`] for a row that is not there.
+    /// [`transport::Error::Length`] unless `row` has an entry a column; [`transport::Error::Value`] for a row that is
+    /// not there.
     pub fn row(&self, i: usize, row: &mut [Vec3]) -> Result<(), Error> {
         let n = self.len();
         check_length("row", n, row.len())?;
@@ -317,7 +319,7 @@ impl BlockMatrix {
     }
 }
 
-/// What kernels need to know of n rows, but which of them.
+/// Kernel parameters for n rows, without the range of rows.
 fn params(n: usize, settings: &BlockSettings) -> BlockParams {
     BlockParams {
         block_rows: 0,
@@ -346,8 +348,8 @@ fn decode_texel(codec: BlockCodec, words: UVec4, k: u32) -> Vec4 {
     }
 }
 
-/// A square picture of a matrix, `edge` pixels wide, each the mean of its entries: rows and columns in the order given. With
-/// `rows` that give the difference of two matrices, a picture of the error.
+/// A square picture of a matrix, `edge` pixels wide, each the mean of its entries: rows and columns in the order given.
+/// With `rows` that give the difference of two matrices, a picture of the error.
 pub fn picture(n: usize, rows: &MatrixRows, order: &Permutation, edge: usize) -> Vec<Vec3> {
     let edge = edge.min(n).min(order.len());
     let cell = |k: usize| k * n / edge..(k + 1) * n / edge;

@@ -9,8 +9,8 @@ use transport::{FnOperator, LinearOperator, check_length};
 
 use crate::error::Error;
 
-/// Factors that give the rows of a decoded matrix the sums of the original, `f_i = Σ_j m_ij / Σ_j m'_ij` for each channel.
-/// A row that has lost all its light keeps what it has, and none grows by more than `limit`.
+/// Factors that give the rows of a decoded matrix the sums of the original, `f_i = Σ_j m_ij / Σ_j m'_ij` for each
+/// channel. A row that has lost all its light keeps what it has, and none grows by more than `limit`.
 ///
 /// So constant exitance gives the irradiance that it gave, and `‖diag(ρ) M'‖∞ ≤ ‖diag(ρ) M‖∞`: for entries ≥ 0 the
 /// spectral radius is no greater than this norm, so that repeated bounces converge as those of the original must

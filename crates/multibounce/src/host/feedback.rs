@@ -1,4 +1,4 @@
-//! How fast light settles that bounces once a frame.
+//! Convergence of light that bounces once a frame.
 
 use alloc::vec::Vec;
 use core::ops::RangeInclusive;
@@ -45,10 +45,11 @@ fn random_sign(i: usize) -> f32 {
     if hash3(i as u32, 0, 0) & 1 == 0 { 1.0 } else { -1.0 }
 }
 
-/// How a bounce uses where the light was going, so that it settles in fewer bounces. Light that stays then is the same.
+/// Extrapolation of the light in a bounce, so that it settles in fewer bounces. The light that it settles at is the
+/// same. Light that stays then is the same.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Acceleration {
-    /// How far towards the light of a plain bounce.
+    /// Step towards the light of a plain bounce.
     pub step: f32,
     /// Share of the last change that is made again.
     pub momentum: f32,
@@ -63,9 +64,9 @@ impl Acceleration {
         Self { step: 1.0, momentum: 0.0, rate }
     }
 
-    /// The fastest constant step and momentum: with `q = √(1 − a)`, `p = √(1 − b)` for eigenvalues in `a..=b`, a step of
-    /// `(2 / (p + q))²`, a momentum of `((q − p) / (q + p))²`, and a rate of `(q − p) / (q + p)`. This is where Chebyshev's
-    /// iteration tends to, and needs no start, so that lights may change in any frame.
+    /// The fastest constant step and momentum: with `q = √(1 − a)`, `p = √(1 − b)` for eigenvalues in `a..=b`, a step
+    /// of `(2 / (p + q))²`, a momentum of `((q − p) / (q + p))²`, and a rate of `(q − p) / (q + p)`. This is where
+    /// Chebyshev's iteration tends to, and needs no start, so that lights may change in any frame.
     ///
     /// Source: B. T. Polyak, 1964; G. H. Golub, R. S. Varga, "Chebyshev semi-iterative methods", 1961.
     ///

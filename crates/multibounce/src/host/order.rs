@@ -40,8 +40,8 @@ impl Features {
 /// Candidates one task compares; fixed, so that the result does not depend on the number of threads.
 const TASK: usize = 2048;
 
-/// Starts with number 0 and goes on to the nearest of the rest each time (thesis, listing 3.1): `swap(i + 1, nearest)`. Of
-/// equally near ones the first in the present order is taken.
+/// Starts with number 0 and goes on to the nearest of the rest each time (thesis, listing 3.1): `swap(i + 1, nearest)`.
+/// Of equally near ones the first in the present order is taken.
 fn nearest_neighbour_chain(features: &Features, n: usize) -> Permutation {
     let mut chain = Permutation::identity(n);
     for i in 0..n.saturating_sub(2) {
@@ -75,8 +75,8 @@ fn nearest_neighbour_chain(features: &Features, n: usize) -> Permutation {
     chain
 }
 
-/// The greedy order of the thesis, listing 3.1: starts with column 0, and each next column is the one of the rest at the
-/// least distance `Σ_i |m_ij − m_ik|²` from the last. Rows change places with columns.
+/// The greedy order of the thesis, listing 3.1: starts with column 0, and each next column is the one of the rest at
+/// the least distance `Σ_i |m_ij − m_ik|²` from the last. Rows change places with columns.
 ///
 /// The reference for small matrices: 12 n² bytes and O(n³) operations.
 pub fn greedy_order(n: usize, rows: &MatrixRows) -> Permutation {
@@ -110,9 +110,10 @@ const COLUMNS: usize = 64;
 /// [`PROJECTED_DIMENSIONS`] dimensions by random signs, which keep distances to about 1/√64 (Achlioptas 2003,
 /// "Database-friendly random projections"). ε is a 64th of the mean grey of every 16th row.
 ///
-/// Logarithms, because the few great entries, which the codec keeps as outliers, would decide the distances: at 2,000 clusters
-/// of Sponza the squared error of BC1 is 0.65 of that after [`greedy_order`], and the same as after the same chain on whole columns of
-/// logarithms or after optimal leaf ordering of a cluster tree. Any ε from 10⁻⁴ to 1 of the mean does.
+/// Logarithms, because the few great entries, which the codec keeps as outliers, would decide the distances: at 2,000
+/// clusters of Sponza the squared error of BC1 is 0.65 of that after [`greedy_order`], and the same as after the same
+/// chain on whole columns of logarithms or after optimal leaf ordering of a cluster tree. Any ε from 10⁻⁴ to 1 of the
+/// mean does.
 ///
 /// O(64 n²) operations, 1.3 kB a row; the same for any number of threads. The matrix is read once, a 16th of it twice.
 pub fn projected_order(n: usize, rows: &MatrixRows, seed: u32) -> Permutation {

@@ -41,7 +41,7 @@ impl Factors<'_> {
         self.columns[range.clone()].iter().map(|&j| j as usize).zip(self.values[range].iter().copied())
     }
 
-    /// Whether the tables belong together.
+    /// Checks that the tables belong together.
     ///
     /// # Errors
     /// [`transport::Error::Length`], [`transport::Error::Value`].
@@ -72,7 +72,7 @@ impl Factors<'_> {
         Ok(())
     }
 
-    /// Whether the tables belong together and `a_i F_ij = a_j F_ji`.
+    /// Checks that the tables belong together and `a_i F_ij = a_j F_ji`.
     ///
     /// # Errors
     /// What [`Factors::check`] finds; [`transport::Error::Value`] where F is not reciprocal.
@@ -131,19 +131,22 @@ pub(super) fn check_albedo(albedo: &[f32], patches: usize) -> Result<(), Error> 
 }
 
 /// Reflectance below which a patch is first taken to reflect so much, because [`all_bounces`] divides by it.
-pub(super) const LEAST_ALBEDO: f32 = 0.1;
+pub(super) const MIN_ALBEDO: f32 = 0.1;
 
-/// Least entry that is taken from the identity: far below what single precision can tell, but no product of a few such numbers is
-/// denormal. Processors multiply denormal numbers many times slower, and light that fades from room to room has plenty.
+/// Least entry that is taken from the identity: far below what single precision can tell, but no product of a few such
+/// numbers is denormal. Processors multiply denormal numbers many times slower, and light that fades from room to room
+/// has plenty.
 pub(super) const FLOOR: f32 = 1e-13;
 
 /// All bounces of one colour channel, from the symmetric form factors, `T = a^-½ T̂ a^½`: with `P = diag(ρ^½)`,
-/// `T̂ = P⁻¹ ((I − P Ŝ P)⁻¹ − I) P⁻¹`. The inverse is found by Cholesky's factorisation, about n³ operations; it takes the
-/// place of Ŝ, and n² numbers of memory more at the peak. Where ρ is almost 0, the operator T̂' of a small reflectance ρ' is made first, and then
-/// `T̂ = T̂' − T̂' Δ T̂` with `Δ = diag(ρ' − ρ)`, which is a linear system of so many patches only.
+/// `T̂ = P⁻¹ ((I − P Ŝ P)⁻¹ − I) P⁻¹`. The inverse is found by Cholesky's factorisation, about n³ operations; it takes
+/// the place of Ŝ, and n² numbers of memory more at the peak. Where ρ is almost 0, the operator T̂' of a small
+/// reflectance ρ' is made first, and then `T̂ = T̂' − T̂' Δ T̂` with `Δ = diag(ρ' − ρ)`, which is a linear system of so
+/// many patches only.
 ///
 /// # Errors
-/// [`transport::Error::Length`], [`transport::Error::Value`] for an albedo outside of 0 to 1, [`Error::Singular`] when light grows without end.
+/// [`transport::Error::Length`], [`transport::Error::Value`] for an albedo outside of 0 to 1, [`Error::Singular`] when
+/// light grows without end.
 pub fn all_bounces(symmetric: Mat<f32>, albedo: &[f32]) -> Result<Mat<f32>, Error> {
     let mut out = bounce_system(symmetric, albedo)?;
     invert(&mut out)?;
@@ -184,11 +187,11 @@ pub fn bounces_of_inverse(inverse: Mat<f32>, albedo: &[f32]) -> Result<Mat<f32>,
             *value = (*value - identity(i, j)) / (sqrt_albedo[i] * sqrt_albedo[j]);
         }
     });
-    let dark: Vec<usize> = (0..n).filter(|&i| albedo[i] < LEAST_ALBEDO).collect();
+    let dark: Vec<usize> = (0..n).filter(|&i| albedo[i] < MIN_ALBEDO).collect();
     if dark.is_empty() {
         return Ok(out);
     }
-    let less = |k: usize| LEAST_ALBEDO - albedo[dark[k]];
+    let less = |k: usize| MIN_ALBEDO - albedo[dark[k]];
     let columns = Mat::from_fn(n, dark.len(), |i, k| out[(i, dark[k])]);
     let small = Mat::from_fn(dark.len(), dark.len(), |i, k| identity(i, k) + columns[(dark[i], k)] * less(k));
     let rows = small.partial_piv_lu().solve(columns.transpose());
@@ -199,9 +202,9 @@ pub fn bounces_of_inverse(inverse: Mat<f32>, albedo: &[f32]) -> Result<Mat<f32>,
     Ok(out)
 }
 
-/// √ρ of each patch, of [`LEAST_ALBEDO`] where it is less.
+/// √ρ of each patch, of [`MIN_ALBEDO`] where it is less.
 fn sqrt_albedo(albedo: &[f32]) -> Vec<f32> {
-    albedo.iter().map(|&a| scene::math::sqrt(a.max(LEAST_ALBEDO))).collect()
+    albedo.iter().map(|&a| scene::math::sqrt(a.max(MIN_ALBEDO))).collect()
 }
 
 fn identity(i: usize, j: usize) -> f32 {
@@ -236,8 +239,8 @@ fn mirror(matrix: &mut Mat<f32>) {
     }
 }
 
-/// All bounces of one colour channel for form factors that need not be reciprocal, `T = F (I − diag(ρ) F)⁻¹`, by LU with
-/// partial pivoting: 8/3 n³ operations, 3 n² numbers of memory.
+/// All bounces of one colour channel for form factors that need not be reciprocal, `T = F (I − diag(ρ) F)⁻¹`, by LU
+/// with partial pivoting: 8/3 n³ operations, 3 n² numbers of memory.
 ///
 /// # Errors
 /// As [`all_bounces`].
@@ -259,11 +262,12 @@ pub fn all_bounces_lu(factors: &Mat<f32>, albedo: &[f32]) -> Result<Mat<f32>, Er
 }
 
 /// So many bounces of one colour channel, `T_K = F Σ_{k<K} (diag(ρ) F)^k`, by Horner's rule: `T_1 = F`,
-/// `T_{k+1} = F + F diag(ρ) T_k`, K − 1 products of 2 n³ operations, 3 n² numbers of memory beside F. `progress(done, total)` is
-/// called after each; breaking it cancels.
+/// `T_{k+1} = F + F diag(ρ) T_k`, K − 1 products of 2 n³ operations, 3 n² numbers of memory beside F. `progress(done,
+/// total)` is called after each; breaking it cancels.
 ///
 /// # Errors
-/// [`transport::Error::Length`], [`transport::Error::Value`], [`transport::Error::Setting`] for no bounces, [`transport::Error::Cancelled`].
+/// [`transport::Error::Length`], [`transport::Error::Value`], [`transport::Error::Setting`] for no bounces,
+/// [`transport::Error::Cancelled`].
 pub fn some_bounces(
     factors: &Mat<f32>,
     albedo: &[f32],

@@ -18,7 +18,7 @@ use crate::error::Error;
 
 pub use build::{all_bounces_stored, some_bounces_stored};
 
-/// Where an operator is built that does not fit into memory, and with how much of it.
+/// Workspace for an operator that does not fit into memory: its folder, and the memory to use.
 #[derive(Clone, Copy, Debug)]
 pub struct Workspace<'a> {
     /// Folder of its file, which has no name there and goes with the process, however that ends.
@@ -67,7 +67,8 @@ fn failed(folder: &Path, action: &'static str, bytes: u64, error: &std::io::Erro
     Error::File { folder: folder.to_path_buf(), action, megabytes: bytes.div_ceil(1 << 20), reason: error.to_string() }
 }
 
-/// A symmetric operator of one channel in a file: the tiles of its upper triangle, in the order of [`crate::LowRank`], 2 n² bytes.
+/// A symmetric operator of one channel in a file: the tiles of its upper triangle, in the order of [`crate::LowRank`],
+/// 2 n² bytes.
 #[derive(Debug)]
 pub struct StoredOperator {
     file: Mutex<BlockFile>,
@@ -77,7 +78,7 @@ pub struct StoredOperator {
     pub held_bytes: u64,
 }
 
-/// Where a tile of the upper triangle stands.
+/// Index of a tile of the upper triangle.
 fn tile_index((i, j): (usize, usize)) -> usize {
     j * (j + 1) / 2 + i
 }
@@ -106,8 +107,8 @@ impl StoredOperator {
         Ok(Mat::from_fn(SIDE, SIDE, |r, c| numbers[c * SIDE + r]))
     }
 
-    /// Writes the tiles of some columns of tiles, from `first` on; `columns` has so many rows a column, of which those behind the
-    /// last patch are not looked at.
+    /// Writes the tiles of some columns of tiles, from `first` on; `columns` has so many rows a column, of which those
+    /// behind the last patch are not looked at.
     fn write(&self, first: usize, columns: &[f32], rows: usize) -> Result<(), Error> {
         let n = self.order.len();
         let file = self.file.lock().unwrap_or_else(PoisonError::into_inner);
@@ -153,7 +154,8 @@ impl StoredOperator {
     /// Row of patch `i`, by patches.
     ///
     /// # Errors
-    /// [`transport::Error::Length`] for a row of another length, [`transport::Error::Value`] for a patch that is not there, [`Error::File`].
+    /// [`transport::Error::Length`] for a row of another length, [`transport::Error::Value`] for a patch that is not
+    /// there, [`Error::File`].
     pub fn row(&self, i: usize, row: &mut [f32]) -> Result<(), Error> {
         check_length("row", self.order.len(), row.len())?;
         let Some(permuted_index) = self.permuted_index.get(i).map(|&permuted_index| permuted_index as usize) else {

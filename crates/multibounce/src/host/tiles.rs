@@ -32,10 +32,10 @@ pub use product::{
 pub use rectangular::SparseRows;
 
 /// Most patches: entries name columns by 16 bits.
-pub const MOST_TILE_PATCHES: usize = PERMUTED_INDICES - TILE as usize;
+pub const MAX_TILE_PATCHES: usize = PERMUTED_INDICES - TILE as usize;
 
 /// Most receivers: vectors name blocks by 16 bits.
-pub const MOST_TILE_RECEIVERS: usize = SIDE << 16;
+pub const MAX_TILE_RECEIVERS: usize = SIDE << 16;
 
 /// The rows or the columns of an operator.
 #[derive(Clone, Copy, Debug)]
@@ -46,7 +46,7 @@ pub struct TileSide<'a> {
     pub order: &'a [u32],
 }
 
-/// What [`LowRank::encode`] brings into tiles.
+/// Input of [`LowRank::encode`].
 #[derive(Clone, Copy)]
 pub enum TileSource<'a> {
     /// Operators that are symmetric by the areas of the patches, which are both rows and columns.
@@ -117,7 +117,8 @@ pub struct LowRank {
     /// Runs of the rows' block b: `run_start[b]..run_start[b + 1]`.
     #[cfg_attr(feature = "serde", serde(with = "scene::pod::table"))]
     pub run_start: Vec<u32>,
-    /// Packed groups of run k, which have equal channels and bits: `groups[runs[k]..runs[k + 1]]`, at most [`RUN_GROUPS`].
+    /// Packed groups of run k, which have equal channels and bits: `groups[runs[k]..runs[k + 1]]`, at most
+    /// [`RUN_GROUPS`].
     #[cfg_attr(feature = "serde", serde(with = "scene::pod::table"))]
     pub runs: Vec<u32>,
     /// The rows' vectors in packed groups, block by block, those with equal channels and bits
@@ -127,13 +128,13 @@ pub struct LowRank {
     /// Elements of the rows' vectors, in `u32x16`s of [`LANES`] words.
     #[cfg_attr(feature = "serde", serde(with = "scene::pod::table"))]
     pub words: Vec<u32>,
-    /// What the columns have of their own, or `None` where they are the rows.
+    /// Vectors of the columns, or `None` where rows and columns are the same.
     pub columns: Option<ColumnVectors>,
     /// Red and blue of the first chroma axis, then of the second,
     /// [`crate::kernel::tiles::chroma_weights`].
     #[cfg_attr(feature = "serde", serde(with = "scene::pod::value"))]
     pub chroma_axes: Vec4,
-    /// What the sum of each vector of the columns is multiplied by.
+    /// Factor on the sum of each vector of the columns.
     #[cfg_attr(feature = "serde", serde(with = "scene::pod::table"))]
     pub scale: Vec<f32>,
     /// Index of the paired singular vector of each of the rows' vectors, which its sum multiplies;
@@ -159,7 +160,7 @@ pub struct LowRank {
     /// Quantisation step of the values of each permuted row.
     #[cfg_attr(feature = "serde", serde(with = "scene::pod::table"))]
     pub steps: Vec<f32>,
-    /// What was lost.
+    /// Loss by compression.
     pub report: TileReport,
 }
 
@@ -181,7 +182,7 @@ pub struct ColumnVectors {
     pub words: Vec<u32>,
 }
 
-/// How an operator was stored.
+/// Report on how an operator was stored.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct TileReport {
@@ -200,7 +201,7 @@ pub struct TileReport {
 }
 
 impl LowRank {
-    /// Whether rows and columns are the same patches.
+    /// Returns true if rows and columns are the same patches.
     pub fn is_symmetric(&self) -> bool {
         self.columns.is_none()
     }
@@ -244,8 +245,8 @@ impl LowRank {
         ]
     }
 
-    /// Bytes of what does not follow from the rest. Of symmetric operators: entries once, not for both of their rows; scale
-    /// and paired vector once for both vectors of a rank-1 term; not `permuted_index`.
+    /// Bytes of what does not follow from the rest. Of symmetric operators: entries once, not for both of their rows;
+    /// scale and paired vector once for both vectors of a rank-1 term; not `permuted_index`.
     pub fn stored_bytes(&self) -> u64 {
         let whole = self.bytes_by_part().iter().map(|part| part.1).sum::<u64>();
         if !self.is_symmetric() {
@@ -259,7 +260,7 @@ impl LowRank {
         whole - (follows * size_of::<u32>()) as u64
     }
 
-    /// Whether the tables belong together, so that no product reads beyond them.
+    /// Checks that the tables belong together, so that no product reads beyond them.
     ///
     /// # Errors
     /// [`transport::Error::Length`], [`transport::Error::Value`], naming the table and the entry.

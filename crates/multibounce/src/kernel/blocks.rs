@@ -1,5 +1,5 @@
-//! The product with a matrix in blocks of 4 × 4 texels, and the exact decoding of BC1, BC3, BC6H and BC7. A block is up to
-//! four words; the first texel is the upper left, the fourth the upper right one.
+//! The product with a matrix in blocks of 4 × 4 texels, and the exact decoding of BC1, BC3, BC6H and BC7. A block is up
+//! to four words; the first texel is the upper left, the fourth the upper right one.
 //!
 //! An entry of the matrix is `m = s c⁻¹(rgb · a)` with the texel's colour and alpha (1 but for BC3), the companding c
 //! ([`expand`]) and the scale s of its tile, plus the correction of the side table where it has one.
@@ -35,7 +35,7 @@ pub const NO_ELEMENT: u32 = u32::MAX;
 
 /// A way to store 4 × 4 colours in two or four words.
 pub trait BlockFormat {
-    /// What all texels of a block have in common.
+    /// Values that all texels of a block share.
     type Block: Copy;
     /// Reads a block; of formats with 8 bytes the last two words are not used.
     fn parse(words: UVec4) -> Self::Block;
@@ -99,11 +99,11 @@ pub fn entry(texel: Vec4, p: &BlockParams) -> Vec3 {
 pub struct BlockSums {
     /// Irradiance of the first row so far, W/m².
     pub a: Vec3,
-    /// Of the second.
+    /// Value of the second row.
     pub b: Vec3,
-    /// Of the third.
+    /// Value of the third row.
     pub c: Vec3,
-    /// Of the fourth.
+    /// Value of the fourth row.
     pub d: Vec3,
 }
 
@@ -142,7 +142,7 @@ fn tile_of(p: &BlockParams, row: u32, column: u32) -> u32 {
     (row >> p.tile_shift) * p.tile_columns + (column >> p.tile_shift)
 }
 
-/// What one of `lanes` lanes adds up for the four rows of a row of blocks: `H'_i = Σ_j m_ij B'_j` over the block columns
+/// Sum of one of `lanes` lanes for the four rows of a row of blocks: `H'_i = Σ_j m_ij B'_j` over the block columns
 /// `lane, lane + lanes, …`, in the order of the columns. `words(k)` loads block k of the block rows that are bound,
 /// `block_row` counts these; `scales` are of the whole matrix.
 ///
@@ -192,7 +192,7 @@ pub fn fetch_gather_row(
     sums
 }
 
-/// What one of `lanes` lanes adds up for row `i` from the side table, `Σ_k r_k B'_{j(k)}`; rows beyond the matrix have no
+/// Sum of one of `lanes` lanes for row `i` of the side table, `Σ_k r_k B'_{j(k)}`; rows beyond the matrix have no
 /// entries. An entry is a column and three halves: `[column | r << 16, g | b << 16]`.
 ///
 /// Shapes: `start[rows + 1]`, of the whole matrix; `outliers` from [`BlockParams::first_outlier`] on.

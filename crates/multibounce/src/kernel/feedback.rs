@@ -4,8 +4,8 @@ use glam::Vec4;
 
 use crate::types::FeedbackParams;
 
-/// Change of the exitance in this bounce, `ΔB ← momentum ΔB + step (E + ρ∘H − B)`, W/m², which is then added to B. With a
-/// step of 1 and no momentum it is `E + ρ∘H − B`, a plain bounce.
+/// Change of the exitance in this bounce, `ΔB ← momentum ΔB + step (E + ρ∘H − B)`, W/m², which is then added to B. With
+/// a step of 1 and no momentum it is `E + ρ∘H − B`, a plain bounce.
 ///
 /// Source: B. T. Polyak, "Some methods of speeding up the convergence of iteration methods", 1964.
 #[inline]

@@ -1,10 +1,10 @@
 //! The inverse of a symmetric positive definite matrix in its place, by Gauss and Jordan's elimination of whole blocks.
 //!
-//! With the block column k of the matrix M so far, `D = M_kk⁻¹`, `Q = M_k` (rows of the block) and `R = D Q`, a step makes
-//! `M_ij − M_ik R_j` of all other entries, `R_j` of the block's rows, `−M_ik D` of its columns and D of the block itself. Rows
-//! and columns that were eliminated have the opposite sign on the other side of the diagonal, `M_ij = −M_ji` for i eliminated
-//! and j not; else the matrix stays symmetric. So its upper half says all, in n³ operations: Q comes from it, and `M_ik` is Q's
-//! column i, or −1 times that.
+//! With the block column k of the matrix M so far, `D = M_kk⁻¹`, `Q = M_k` (rows of the block) and `R = D Q`, a step
+//! makes `M_ij − M_ik R_j` of all other entries, `R_j` of the block's rows, `−M_ik D` of its columns and D of the block
+//! itself. Rows and columns that were eliminated have the opposite sign on the other side of the diagonal, `M_ij =
+//! −M_ji` for i eliminated and j not; else the matrix stays symmetric. So its upper half says all, in n³ operations: Q
+//! comes from it, and `M_ik` is Q's column i, or −1 times that.
 
 use glam::Vec4;
 
@@ -16,8 +16,9 @@ pub const PIVOT_ROWS: u32 = 64;
 /// Vectors of four columns of a block.
 pub const PIVOT_VECTORS: u32 = PIVOT_ROWS / 4;
 
-/// Four columns of a row of the block that is eliminated: number `k % width` from `first_vector` on, of row `k / width`. From the
-/// upper half of the matrix, of which the rows from `first_row` on are bound; where those do not tell it stays as it is `before`.
+/// Four columns of a row of the block that is eliminated: number `k % width` from `first_vector` on, of row `k /
+/// width`. From the upper half of the matrix, of which the rows from `first_row` on are bound; where those do not tell
+/// it stays as it is `before`.
 ///
 /// Shapes: `matrix[rows * vectors]`, row-major in vectors of four columns. Needs `k < PIVOT_ROWS * width`.
 #[inline]
@@ -47,7 +48,8 @@ pub fn pivot_row(k: u32, p: &InvertParams, matrix: &[Vec4], before: Vec4) -> Vec
 
 /// Four columns of a row of `R = D Q`, number `k % vectors` of row `k / vectors`.
 ///
-/// Shapes: `inverse[PIVOT_ROWS * PIVOT_VECTORS]` (D), `pivot_rows[PIVOT_ROWS * vectors]` (Q). Needs `k < PIVOT_ROWS * vectors`.
+/// Shapes: `inverse[PIVOT_ROWS * PIVOT_VECTORS]` (D), `pivot_rows[PIVOT_ROWS * vectors]` (Q). Needs `k < PIVOT_ROWS *
+/// vectors`.
 #[inline]
 pub fn scaled_row(k: u32, p: &InvertParams, inverse: &[Vec4], pivot_rows: &[Vec4]) -> Vec4 {
     let first = (k / p.vectors * PIVOT_VECTORS) as usize;
@@ -72,7 +74,7 @@ pub fn tile_at(t: u32, lane: u32, p: &InvertParams) -> (u32, u32) {
     (p.first_row + t % row_tiles * TILE_ROWS, t / row_tiles * TILE_VECTORS + lane)
 }
 
-/// Whether a vector of a row lies in the upper half of the matrix, or in a block on its diagonal.
+/// Returns true if a vector of a row lies in the upper half of the matrix, or in a block on its diagonal.
 #[inline]
 pub fn is_upper(row: u32, vector: u32) -> bool {
     vector / PIVOT_VECTORS >= row / PIVOT_ROWS
@@ -80,7 +82,8 @@ pub fn is_upper(row: u32, vector: u32) -> bool {
 
 /// Sixteen rows, from `row` on, of four columns of the matrix after a step. `start` gives an entry of a row as it was.
 ///
-/// Shapes: as in [`scaled_row`], `scaled_rows[PIVOT_ROWS * vectors]` (R). Needs `row` and `vector` in the upper half ([`is_upper`]).
+/// Shapes: as in [`scaled_row`], `scaled_rows[PIVOT_ROWS * vectors]` (R). Needs `row` and `vector` in the upper half
+/// ([`is_upper`]).
 #[inline]
 pub fn eliminate(
     row: u32,

@@ -18,18 +18,18 @@ pub(super) struct Four {
     pub d: Vec4,
 }
 
-/// First row of tile `t`, and the vector of its rows that invocation `lane` makes. Tiles go down the rows first: those that
-/// run at a time share their columns of the operator.
+/// First row of tile `t`, and the vector of its rows that invocation `lane` makes. Tiles go down the rows first: those
+/// that run at a time share their columns of the operator.
 #[inline]
 pub fn tile_at(t: u32, lane: u32, p: &MultiplyParams) -> (u32, u32) {
     (t % p.row_tiles * TILE_ROWS, t / p.row_tiles * TILE_VECTORS + lane)
 }
 
-/// Sixteen rows of `F_ij + Σ_k F_ik ρ_k T_kj` for four columns j, from row `row` on, with the k that are bound: one term of
-/// `T_{K+1} = F + F diag(ρ) T_K`. `start` gives a row's sum of the k before, or `F_ij`.
+/// Sixteen rows of `F_ij + Σ_k F_ik ρ_k T_kj` for four columns j, from row `row` on, with the k that are bound: one
+/// term of `T_{K+1} = F + F diag(ρ) T_K`. `start` gives a row's sum of the k before, or `F_ij`.
 ///
-/// Shapes: `factors[rows * vectors]`, `operator[4 * inner * vectors]`, both row-major in vectors of four columns; `albedo`
-/// has the ρ of four k in each vector. F, T and ρ have no unit. Needs whole tiles.
+/// Shapes: `factors[rows * vectors]`, `operator[4 * inner * vectors]`, both row-major in vectors of four columns;
+/// `albedo` has the ρ of four k in each vector. F, T and ρ have no unit. Needs whole tiles.
 #[inline]
 pub fn multiply(
     row: u32,

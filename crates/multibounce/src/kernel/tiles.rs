@@ -1,14 +1,15 @@
 //! The product with tiles, `y = Σ_k s_k (u_k (v_k·x) + v_k (u_k·x)) + D x + S x`, in seven steps:
-//! [`permute_in`] permutes and scales the exitance, [`quantise`] quantises it block by block, [`multiply_vt`] makes the sums
-//! `z = Vᵀ x`, [`requantise`] quantises these run by run, [`multiply_u`] multiplies by U, [`dense_sparse`] makes the rows of the
-//! dense sub-blocks `D` and of the sparse residual `S`, [`permute_out`] undoes permutation and scale.
+//! [`permute_in`] permutes and scales the exitance, [`quantise`] quantises it block by block, [`multiply_vt`] makes the
+//! sums `z = Vᵀ x`, [`requantise`] quantises these run by run, [`multiply_u`] multiplies by U, [`dense_sparse`] makes
+//! the rows of the dense sub-blocks `D` and of the sparse residual `S`, [`permute_out`] undoes permutation and scale.
 //!
-//! Elements of vectors and sub-blocks are integers, so sums and rows are exact, in whatever order they are added up, but for
-//! quantisation to 15 bits and a sign: of the greatest value in the block, in the run. The sparse residual takes the exitance
-//! before quantisation.
+//! Elements of vectors and sub-blocks are integers, so sums and rows are exact, in whatever order they are added up,
+//! but for quantisation to 15 bits and a sign: of the greatest value in the block, in the run. The sparse residual
+//! takes the exitance before quantisation.
 //!
-//! An invocation of [`multiply_vt`] makes up to sixteen sums, one of [`multiply_u`] sixteen rows and one of [`dense_sparse`] eight: what it
-//! loads serves them all. Words are loaded as `u32x4`, which costs little more than to load one where loads are made in software.
+//! An invocation of [`multiply_vt`] makes up to sixteen sums, one of [`multiply_u`] sixteen rows and one of
+//! [`dense_sparse`] eight: what it loads serves them all. Words are loaded as `u32x4`, which costs little more than to
+//! load one where loads are made in software.
 
 mod dense_sparse;
 
@@ -46,29 +47,31 @@ pub const U32X4S: u32 = LANES / 4;
 pub const PERMUTED_INDICES: usize = 65_536;
 /// The paired singular vector of one that is multiplied by no sum.
 pub const NO_VECTOR: u32 = u32::MAX;
-/// What is added to elements of 8 and of 4 bits, so that they are not negative.
+/// Offset that makes elements of 8 and of 4 bits non-negative.
 pub const BIAS: i32 = 128;
 /// See [`BIAS`].
 pub const SHORT_BIAS: i32 = 8;
-/// Colour of rank-1 terms that are for all channels alike; 0 and 1 are the chroma axes: of the differences of red and blue to
-/// green.
+/// Colour of rank-1 terms that are for all channels alike; 0 and 1 are the chroma axes: of the differences of red and
+/// blue to green.
 pub const ALL_CHANNELS: u32 = 3;
 /// Words of a channel in a block of [`quantise`].
 pub const CHANNEL_WORDS: u32 = PART_PAIRS * LANES;
 /// Pairs of neighbours in a part.
 pub const PAIRS: u32 = LANES / 2;
-/// Words of a block of [`quantise`]: of each channel a `u32x16` for each pair of parts, which share words; then the channels' steps;
-/// then, from [`PAIRS_AT`] on, the same numbers in pairs of neighbours: of each part, of each channel, [`PAIRS`] words.
+/// Words of a block of [`quantise`]: of each channel a `u32x16` for each pair of parts, which share words; then the
+/// channels' steps; then, from [`PAIRS_AT`] on, the same numbers in pairs of neighbours: of each part, of each channel,
+/// [`PAIRS`] words.
 pub const LIGHT_WORDS: u32 = PAIRS_AT + PARTS * 3 * PAIRS;
 /// See [`LIGHT_WORDS`].
 pub const PAIRS_AT: u32 = 3 * CHANNEL_WORDS + LANES;
-/// Words of a run of [`requantise`]: for each pair of vectors, which share words, one of each channel and a 0; then their steps.
+/// Words of a run of [`requantise`]: for each pair of vectors, which share words, one of each channel and a 0; then
+/// their steps.
 pub const FACTOR_WORDS: u32 = 4 * (RUN_PAIRS + 1);
 
 /// Added to a number, it leaves the nearest integer in the lower 16 bits.
 const QUANTISE_OFFSET: f32 = 12_582_912.0;
 /// Bits of the greatest.
-const MOST_QUANTISED: u32 = 0x4b40_7fff;
+const MAX_QUANTISED: u32 = 0x4b40_7fff;
 /// The exponent of what counts as 0, `2^-97`.
 const DARK: u32 = 30;
 
@@ -90,7 +93,7 @@ pub fn inverse_of(step: f32) -> f32 {
 #[inline]
 pub fn quantised(x: f32, inverse: f32) -> u32 {
     let bits = (x * inverse + QUANTISE_OFFSET).to_bits();
-    if bits > MOST_QUANTISED { MOST_QUANTISED } else { bits }
+    if bits > MAX_QUANTISED { MAX_QUANTISED } else { bits }
 }
 
 /// Two quantised values in a word, for each channel.
@@ -124,7 +127,7 @@ fn inverses_of(steps: Vec3) -> Vec3 {
     Vec3::new(inverse_of(steps.x), inverse_of(steps.y), inverse_of(steps.z))
 }
 
-/// What a vector has in one lane: an element of each part.
+/// One lane of a vector: an element of each part.
 #[derive(Clone, Copy)]
 struct Lane {
     low: u32,
@@ -133,8 +136,8 @@ struct Lane {
 }
 
 impl Lane {
-    /// Elements of 4 bits: the parts are the nibbles of the words of one `u32x16`. Of 8 bits: parts 0, 1, 4, 5 are the bytes
-    /// of the first `u32x16`, 2, 3, 6, 7 of the second.
+    /// Elements of 4 bits: the parts are the nibbles of the words of one `u32x16`. Of 8 bits: parts 0, 1, 4, 5 are the
+    /// bytes of the first `u32x16`, 2, 3, 6, 7 of the second.
     #[inline]
     fn of(words: &[u32], vector: TileVector, lane: u32) -> Self {
         let at = (vector.start * LANES + lane) as usize;
@@ -159,7 +162,7 @@ fn elements(low: u32, high: u32, part_pair: u32, is_short: bool) -> u32 {
     word >> (bits * (part_pair % (PART_PAIRS / 2))) & mask
 }
 
-/// What a vector has in four lanes.
+/// Four lanes of a vector.
 #[derive(Clone, Copy)]
 struct LanesX4 {
     low: UVec4,
@@ -191,7 +194,7 @@ impl LanesX4 {
     }
 }
 
-/// What a vector has in two lanes.
+/// Two lanes of a vector.
 #[derive(Clone, Copy)]
 struct LanePair {
     low: UVec2,
@@ -279,8 +282,8 @@ pub fn permute_in(p: u32, patches: u32, order: &[u32], sqrt_area: &[f32], exitan
     (exitance[i].truncate() * sqrt_area[i]).extend(0.0)
 }
 
-/// Lanes `4 q` to `4 q + 3` of a block's quantised exitance, `q = k % U32X4S`: a word for each pair of parts and channel, and
-/// the channels' steps.
+/// Lanes `4 q` to `4 q + 3` of a block's quantised exitance, `q = k % U32X4S`: a word for each pair of parts and
+/// channel, and the channels' steps.
 ///
 /// Shapes: `ordered[blocks · TILE]`, `light[blocks · LIGHT_WORDS]`. Needs `k < blocks · U32X4S`.
 #[inline]
@@ -350,7 +353,7 @@ fn add(sum: IVec3, word: u32, bias: i32, first: IVec3, second: IVec3) -> IVec3 {
     sum + first * first_of(word, bias) + second * last_of(word, bias)
 }
 
-/// The same of the vectors of a packed group.
+/// Adds the vectors of a packed group.
 #[inline]
 fn add_lane(sum: GroupSums, words: UVec4, bias: i32, both: UVec3) -> GroupSums {
     let (first, second) = (low(both), high(both));
@@ -409,8 +412,8 @@ pub fn groups_of(k: u32, runs: &[u32]) -> (u32, u32) {
     }
 }
 
-/// Sums of the vectors of [`groups_of`], `z = s (v·x)`, for their channels, times their [`chroma_weights`]. Elements beyond them
-/// have no meaning.
+/// Sums of the vectors of [`groups_of`], `z = s (v·x)`, for their channels, times their [`chroma_weights`]. Elements
+/// beyond them have no meaning.
 ///
 /// Shapes: `groups[n]`, `scale[n]`; `words` and `light` of [`quantise`] as `u32x4`s. Needs `first < n`.
 #[inline]
@@ -480,8 +483,8 @@ fn factor(other: u32, sums: &[Vec4]) -> Vec3 {
 
 /// The quantised factors of the vectors of run `k`: a word for each pair of vectors and channel, and the steps.
 ///
-/// Shapes, `paired` and `factors` as `u32x4`s: `runs[n + 1]`, the first packed group of each; `paired[groups]`, vector indices,
-/// `sums[groups · GROUP_VECTORS]`; `factors[n · FACTOR_WORDS / 4]`. Needs `k < n`.
+/// Shapes, `paired` and `factors` as `u32x4`s: `runs[n + 1]`, the first packed group of each; `paired[groups]`, vector
+/// indices, `sums[groups · GROUP_VECTORS]`; `factors[n · FACTOR_WORDS / 4]`. Needs `k < n`.
 #[inline]
 pub fn requantise(k: u32, runs: &[u32], paired: &[UVec4], sums: &[Vec4], factors: &mut [UVec4]) {
     let (first, end) = (runs[k as usize], runs[k as usize + 1]);
@@ -568,9 +571,9 @@ fn add_parts(sum: Eight<IVec3>, one: Lane, other: Lane, y: IVec3, z: IVec3) -> E
     }
 }
 
-/// What lanes `2 q` and `2 q + 1` of a split of a block add to its rows, of each lane one of each part, with `q = k % PAIRS`
-/// and the split and the block above it: each vector of the split times the sum of its paired vector, 0 in the channels
-/// that neither is for.
+/// Sums that lanes `2 q` and `2 q + 1` of a split of a block add to its rows, of each lane one of each part, with `q =
+/// k % PAIRS` and the split and the block above it: each vector of the split times the sum of its paired vector, 0 in
+/// the channels that neither is for.
 ///
 /// Shapes: `run_start[blocks + 1]`, `runs`, `factors` of [`requantise`] as `u32x4`s, `groups[n]`, `words` as `u32x2`s.
 #[inline]
@@ -622,8 +625,8 @@ pub fn multiply_u(
     ]
 }
 
-/// Where [`multiply_u`] writes the row of a part of the first of its lanes, before that of the second: the splits of a block one
-/// after another.
+/// Row of a part of the first of its lanes, before that of the second, that [`multiply_u`] writes: the splits of a
+/// block one after another.
 #[inline]
 pub fn row_at(k: u32, part: u32) -> u32 {
     k / PAIRS * TILE + part * LANES + 2 * (k % PAIRS)
@@ -631,7 +634,8 @@ pub fn row_at(k: u32, part: u32) -> u32 {
 
 /// Irradiance of patch `i`, `H_i = y_p / √a_i` with `p = permuted_index[i]`, W/m².
 ///
-/// Shapes: `permuted_index` and `sqrt_area` `[patches]`, `rows[blocks · SPLITS · TILE]` of [`multiply_u`], `dense_sparse[blocks · TILE]`.
+/// Shapes: `permuted_index` and `sqrt_area` `[patches]`, `rows[blocks · SPLITS · TILE]` of [`multiply_u`],
+/// `dense_sparse[blocks · TILE]`.
 #[inline]
 pub fn permute_out(i: u32, permuted_index: &[u32], sqrt_area: &[f32], rows: &[Vec4], dense_sparse: &[Vec4]) -> Vec4 {
     let p = permuted_index[i as usize];

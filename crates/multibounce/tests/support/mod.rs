@@ -1,4 +1,4 @@
-//! What tests of operators have in common.
+//! Helpers for tests of operators.
 
 use scene::sampling::{hash3, unit};
 use transport::Proceed;

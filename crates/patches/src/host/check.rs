@@ -1,4 +1,4 @@
-//! Whether tables that come from a file fit together, so that nobody reads beside them.
+//! True if tables that come from a file fit together, so that nobody reads beside them.
 
 use alloc::vec::Vec;
 

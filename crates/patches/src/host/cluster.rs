@@ -24,23 +24,23 @@ impl Default for ClusterSettings {
     }
 }
 
-/// Merges the samples of each voxel, always the closest pair of clusters, until `max_patches` are left, as [T 5.7] does. The metric
-/// is `M(i,j) = (1 + |x_i − x_j|/d)(2 − n_i·n_j)(1 + row(i,j))` with the clusters' mean positions x, the voxel's diagonal d, so that
-/// a scene in other units has the same clusters, and mean unit normals n (printed: colours in the place of
-/// positions).
-/// Clusters that hold samples with `n_i·n_j < 0` are never merged, so more may be left. Slivers (under 1 % of the voxel's
-/// mean patch) then go to the nearest cluster with a like normal that they may be merged with.
+/// Merges the samples of each voxel, always the closest pair of clusters, until `max_patches` are left, as [T 5.7]
+/// does. The metric is `M(i,j) = (1 + |x_i − x_j|/d)(2 − n_i·n_j)(1 + row(i,j))` with the clusters' mean positions x,
+/// the voxel's diagonal d, so that a scene in other units has the same clusters, and mean unit normals n (printed:
+/// colours in the place of positions). Clusters that hold samples with `n_i·n_j < 0` are never merged, so more may be
+/// left. Slivers (under 1 % of the voxel's mean patch) then go to the nearest cluster with a like normal that they may
+/// be merged with.
 ///
-/// `row_distance` gives the row term of two clusters, ≥ 0, by what else keeps them apart. Members name samples of `set`; their
-/// weight is 1. Give `&|_, _| 0.0` where nothing does.
+/// `row_distance` gives the row term of two clusters, ≥ 0, by what else keeps them apart. Members name samples of
+/// `set`; their weight is 1. Give `&|_, _| 0.0` where nothing does.
 ///
 /// Voxels are independent, on all cores, so memory is that of one voxel a core. n samples of a voxel cost about n²
 /// evaluations of the metric (n³ at worst: whenever a cluster's nearest is merged away, it looks for another); the row
 /// term is asked for only where position and normal alone come out nearer than the best so far.
 ///
 /// # Errors
-/// [`Error::Setting`] for 0 patches, [`Error::Length`] for samples of another grid, [`Error::Value`] for a row term that
-/// is negative or not a number, and what [`PatchSet::from_groups`] refuses.
+/// [`Error::Setting`] for 0 patches, [`Error::Length`] for samples of another grid, [`Error::Value`] for a row term
+/// that is negative or not a number, and what [`PatchSet::from_groups`] refuses.
 pub fn cluster_patches(
     grid: &Grid,
     set: SampleSet,
@@ -72,7 +72,7 @@ pub fn cluster_patches(
     patches_of(grid, set, voxels)
 }
 
-/// Whether no sample of one group looks away from a sample of the other.
+/// Returns true if no sample of one group looks away from a sample of the other.
 fn agree(samples: &[Sample], a: &Group, b: &Group) -> bool {
     let normal = |m: &Member| samples[m.sample as usize].normal;
     a.members.iter().all(|m| b.members.iter().all(|o| normal(m).dot(normal(o)) >= 0.0))

@@ -1,8 +1,8 @@
 //! Triangles cut where something stands on them: light of either side of a wall then lies on triangles of its own.
 //!
-//! Patches, elements, receivers and interpolation points belong to triangles. A floor that goes on beyond a wall would share
-//! them between both sides of the wall, which are strangers to each other. So the floor is cut along the foot of the wall:
-//! the same surface, more triangles.
+//! Patches, elements, receivers and interpolation points belong to triangles. A floor that goes on beyond a wall would
+//! share them between both sides of the wall, which are strangers to each other. So the floor is cut along the foot of
+//! the wall: the same surface, more triangles.
 
 use alloc::vec;
 use alloc::vec::Vec;
@@ -14,15 +14,15 @@ use scene::{BvhNode, Scene, SceneParts, Triangle, TriangleUv};
 use super::focus::{Density, corners};
 
 /// Triangles whose planes meet at a greater cosine than this stand on each other nowhere.
-const MOST_COSINE: f64 = 0.9;
+const MAX_COSINE: f64 = 0.9;
 /// A corner that is no further from a plane than this many ray offsets lies in it.
 const IN_PLANE: f64 = 2.0;
 /// Most fragments of a triangle, unless the density alone gives more.
-const MOST_FRAGMENTS: usize = 256;
+const MAX_FRAGMENTS: usize = 256;
 
-/// A scene of the same surfaces in which triangles are cut along the feet of others that stand on them or pass through them,
-/// and that meet a fragment over at least `least` m, and where they reach over more than two levels of a density; none where
-/// nothing is cut. Texture coordinates are interpolated.
+/// A scene of the same surfaces in which triangles are cut along the feet of others that stand on them or pass through
+/// them, and that meet a fragment over at least `least` m, and where they reach over more than two levels of a density;
+/// none where nothing is cut. Texture coordinates are interpolated.
 ///
 /// # Errors
 /// What making the scene says.
@@ -66,12 +66,12 @@ struct Cutter<'a> {
     density: &'a Density,
     /// Shortest foot that cuts, m.
     least: f64,
-    /// What lies no further from a plane or a line lies in it, m.
+    /// Distance up to which a point lies in a plane or on a line, m.
     tolerance: f64,
 }
 
 impl Cutter<'_> {
-    /// What a triangle is cut into; none where it stays whole.
+    /// Fragments of a triangle; none where it stays whole.
     fn fragments(&self, triangle: u32) -> Option<Vec<Fragment>> {
         let whole = corners(&self.scene.geometry.triangles[triangle as usize]);
         let mut fragments: Vec<Fragment> = self.density.parts(whole).into_iter().map(Vec::from).collect();
@@ -82,7 +82,7 @@ impl Cutter<'_> {
         }
         // Long ones first: walls before what stands beside them.
         feet.sort_by(|a, b| (b[1] - b[0]).length().total_cmp(&(a[1] - a[0]).length()));
-        let most = MOST_FRAGMENTS.max(fragments.len());
+        let most = MAX_FRAGMENTS.max(fragments.len());
         for foot in &feet {
             let mut next = Vec::with_capacity(fragments.len() + 1);
             let room = most - fragments.len().min(most);
@@ -112,10 +112,10 @@ impl Cutter<'_> {
         feet
     }
 
-    /// Where a triangle meets a plane, if it stands on it or passes through it.
+    /// Line where a triangle meets a plane, if it stands on it or passes through it.
     fn foot(&self, other: &[DVec3; 3], origin: DVec3, normal: DVec3) -> Option<[DVec3; 2]> {
         let own = (other[1] - other[0]).cross(other[2] - other[0]).try_normalize()?;
-        if own.dot(normal).abs() > MOST_COSINE {
+        if own.dot(normal).abs() > MAX_COSINE {
             return None;
         }
         let height = other.map(|corner| {
@@ -136,7 +136,8 @@ impl Cutter<'_> {
         ((last - first).length() >= self.least).then_some([first, last])
     }
 
-    /// Both sides of the line of a foot in a fragment; none where the foot meets the fragment over too little, or along its border.
+    /// Both sides of the line of a foot in a fragment; none where the foot meets the fragment over too little, or along
+    /// its border.
     fn split(&self, fragment: &Fragment, foot: &[DVec3; 2], normal: DVec3) -> Option<[Fragment; 2]> {
         let along = (foot[1] - foot[0]).normalize();
         let across = normal.cross(along);

@@ -1,5 +1,5 @@
-//! Where people look, and how densely the surfaces of a scene are shared out by that: samples, patches and receivers stand
-//! close where light that is sent matters, and far apart on far ground.
+//! Viewing area, and the density of samples, patches and receivers by it: they stand close where light that is sent
+//! matters, and far apart on distant ground.
 
 use alloc::vec;
 use alloc::vec::Vec;
@@ -26,13 +26,13 @@ const OUTSIDE: f32 = 0.02;
 /// Least extent of a focus along an axis, as a share of its greatest.
 const FLATTEST: f32 = 1.0 / 16.0;
 /// Levels at most: edges are 2¹² times as long at the last.
-const MOST_LEVELS: u32 = 12;
-/// What is far gets at most this share of what is shared out, beyond what it would for what it sends.
+const MAX_LEVELS: u32 = 12;
+/// Upper bound of the share that distant surfaces get beyond what the light that they send would give them.
 const FAR_SHARE: f64 = 1.0 / 64.0;
 /// Enclosed space gets more than the rest only where all surface counts less than this share of its area.
-const MOST_COUNTED: f64 = 0.5;
+const MAX_COUNTED: f64 = 0.5;
 /// Most halvings of a triangle, one within the other.
-const MOST_HALVINGS: u32 = 48;
+const MAX_HALVINGS: u32 = 48;
 /// Changes random numbers.
 const WALK_SALT: u32 = 0x666f_6375;
 
@@ -51,12 +51,12 @@ mod as_array {
     }
 }
 
-/// Where people look.
+/// Viewing area.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Focus {
-    /// Where light stays longest: enclosed space, into which and in which most of the light goes that surfaces there send. The
-    /// same density everywhere unless that would take more than half of what is shared out to far ground.
+    /// Enclosed space, into which and in which most of the light goes that surfaces there send. The same density
+    /// everywhere unless that would take more than half of what is shared out to far ground.
     #[default]
     Auto,
     /// In a box; see [`Focus::seen_from`] for that of eyes.
@@ -71,8 +71,8 @@ pub enum Focus {
 }
 
 impl Focus {
-    /// The box that holds what is seen from these places in all directions, without the outermost 2 % at either end of each
-    /// axis; [`Focus::Auto`] where nothing is seen.
+    /// The box that holds what is seen from these places in all directions, without the outermost 2 % at either end of
+    /// each axis; [`Focus::Auto`] where nothing is seen.
     pub fn seen_from(scene: &Scene, eyes: &[Vec3]) -> Self {
         let ray = |k: u32| {
             let (eye, ray) = (k / EYE_RAYS, k % EYE_RAYS);
@@ -93,13 +93,15 @@ impl Focus {
     }
 }
 
-/// How densely a scene is shared out. Around a box, the focus, distances between samples, patches and receivers are as asked
-/// for; they double from level to level as less of the light that a place sends can get to the box.
+/// Density of samples, patches and receivers in a scene. Around a box, the focus, distances between samples, patches
+/// and receivers are as asked for; they double from level to level as less of the light that a place sends can get to
+/// the box.
 ///
-/// A box with the extents h ≤ w ≤ l covers at a distance d about `s = (h / (h + d))² w / (w + d)` of the hemisphere of level
-/// ground (of a wall that is h high and without end, (h / 2d)² far off; w wide, w / d of that). Edges are `1/√s` as long: each
-/// patch then sends about the same share of its light into the box. Level l, where `s` is about `4⁻ˡ`, has edges of 2ˡ. The last
-/// level is that at which all surface together gets a 64th of what is shared out: far ground has patches, but few.
+/// A box with the extents h ≤ w ≤ l covers at a distance d about `s = (h / (h + d))² w / (w + d)` of the hemisphere of
+/// level ground (of a wall that is h high and without end, (h / 2d)² far off; w wide, w / d of that). Edges are `1/√s`
+/// as long: each patch then sends about the same share of its light into the box. Level l, where `s` is about `4⁻ˡ`,
+/// has edges of 2ˡ. The last level is that at which all surface together gets a 64th of what is shared out: far ground
+/// has patches, but few.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Density {
@@ -136,10 +138,10 @@ impl Density {
         extents.sort_by(f32::total_cmp);
         let least = (FLATTEST * extents[2]).max(scene.geometry.ray_offset);
         let extents = (extents[0].max(least), extents[1].max(least));
-        let density = Self { low, high, extents, last_level: MOST_LEVELS };
+        let density = Self { low, high, extents, last_level: MAX_LEVELS };
         let areas = density.areas(scene);
         let density = density.with_last_level(&areas);
-        let is_worth_it = focus != Focus::Auto || areas.counted(density.last_level) < MOST_COUNTED * areas.whole();
+        let is_worth_it = focus != Focus::Auto || areas.counted(density.last_level) < MAX_COUNTED * areas.whole();
         Ok(if is_worth_it { density } else { Self::default() })
     }
 
@@ -148,19 +150,19 @@ impl Density {
         self.level_at((self.low - position).max(position - self.high).max(Vec3::ZERO).length())
     }
 
-    /// How many times greater distances are at a place than in the focus.
+    /// Factor of the distances at a place over those in the focus.
     pub fn edge(&self, position: Vec3) -> f32 {
         (1u32 << self.level(position)) as f32
     }
 
-    /// What a square metre at a place counts, of what one in the focus does.
+    /// Sampling density relative to the focus.
     pub fn share(&self, position: Vec3) -> f32 {
         let edge = self.edge(position);
         1.0 / (edge * edge)
     }
 
-    /// Whether a side of a surface is far from the focus and faces some of it. Few rays from there meet anything, and yet all
-    /// such surface together may send much light.
+    /// Returns true if a side of a surface is far from the focus and faces some of it. Few rays from there meet
+    /// anything, and yet all such surface together may send much light.
     pub fn is_far_and_faces(&self, position: Vec3, normal: Vec3) -> bool {
         // The corner of the box that is furthest along the normal.
         let corner = Vec3::select(normal.cmpgt(Vec3::ZERO), self.high, self.low);
@@ -191,7 +193,7 @@ impl Density {
         let mut parts = Vec::new();
         let mut open = vec![(triangle, 0)];
         while let Some((part, halvings)) = open.pop() {
-            match halvings < MOST_HALVINGS && self.reaches_far(&part) {
+            match halvings < MAX_HALVINGS && self.reaches_far(&part) {
                 true => open.extend(halves(part).map(|half| (half, halvings + 1))),
                 false => parts.push(part),
             }
@@ -212,7 +214,7 @@ impl Density {
         level
     }
 
-    /// Whether a triangle reaches over more than two levels, and is large enough for that to matter.
+    /// Returns true if a triangle reaches over more than two levels, and is large enough for that to matter.
     fn reaches_far(&self, corners: &[DVec3; 3]) -> bool {
         let low = corners[0].min(corners[1]).min(corners[2]).as_vec3();
         let high = corners[0].max(corners[1]).max(corners[2]).as_vec3();
@@ -222,11 +224,11 @@ impl Density {
         greatest > least + 1 && (high - low).max_element() > 0.25 * self.extents.0
     }
 
-    /// The same with the last level at which all surface gets no more than its share; `areas` has all.
+    /// Limits the last level, at which all surface gets no more than its share; `areas` has all.
     fn with_last_level(self, areas: &LevelAreas) -> Self {
-        let counted = areas.counted(MOST_LEVELS);
+        let counted = areas.counted(MAX_LEVELS);
         let fits = |level: &u32| areas.whole() * 0.25f64.powi(*level as i32) <= FAR_SHARE * counted;
-        Self { last_level: (0..MOST_LEVELS).find(fits).unwrap_or(MOST_LEVELS), ..self }
+        Self { last_level: (0..MAX_LEVELS).find(fits).unwrap_or(MAX_LEVELS), ..self }
     }
 
     /// Area of the surface on each level.
@@ -252,7 +254,7 @@ impl Density {
 
 /// Area of the surface on each level, m².
 #[derive(Clone, Copy, Debug, Default)]
-struct LevelAreas([f64; 1 + MOST_LEVELS as usize]);
+struct LevelAreas([f64; 1 + MAX_LEVELS as usize]);
 
 impl LevelAreas {
     fn whole(&self) -> f64 {
@@ -299,7 +301,7 @@ fn middle_box(places: &[Vec3]) -> Option<(Vec3, Vec3)> {
     Some((low, high))
 }
 
-/// Where a random walk is, and how much surface it speaks for.
+/// Position of a random walk, and the surface that it speaks for.
 #[derive(Clone, Copy)]
 struct Walker {
     position: Vec3,
@@ -307,10 +309,10 @@ struct Walker {
     weight: f32,
 }
 
-/// The box of enclosed space: random walks start on surfaces that light comes to and go on by cosine-weighted rays; those that
-/// escape are replaced by copies of others. After some steps a place holds as many of them as its area times the share of the
-/// light sent there that is still in the scene after so many bounces between white surfaces (`A_i F_ij = A_j F_ji`), which is
-/// greatest in enclosed space, however much open ground there is. None where all escape.
+/// The box of enclosed space: random walks start on surfaces that light comes to and go on by cosine-weighted rays;
+/// those that escape are replaced by copies of others. After some steps a place holds as many of them as its area times
+/// the share of the light sent there that is still in the scene after so many bounces between white surfaces (`A_i F_ij
+/// = A_j F_ji`), which is greatest in enclosed space, however much open ground there is. None where all escape.
 fn enclosed_box(scene: &Scene, seed: u32) -> Option<(Vec3, Vec3)> {
     let seed = seed ^ WALK_SALT;
     let mut walkers = first_walkers(scene, seed);
@@ -323,8 +325,8 @@ fn enclosed_box(scene: &Scene, seed: u32) -> Option<(Vec3, Vec3)> {
     middle_box(&places)
 }
 
-/// Places that light comes to: half of them by area, half of them as many on each triangle, so that neither far ground nor fine
-/// meshes take all.
+/// Places that light comes to: half of them by area, half of them as many on each triangle, so that neither far ground
+/// nor fine meshes take all.
 fn first_walkers(scene: &Scene, seed: u32) -> Vec<Walker> {
     let areas: Vec<f64> =
         scene.geometry.triangles.iter().map(|t| 0.5 * f64::from(t.edge_a.cross(t.edge_b).length())).collect();
@@ -371,7 +373,7 @@ fn resample(walkers: &[Walker], shift: f32) -> Vec<Walker> {
     chosen
 }
 
-/// Where a walker comes to; none where it escapes.
+/// Next position of a walker; none where it escapes.
 fn walk(scene: &Scene, walker: &Walker, seed: u32) -> Option<Walker> {
     let xi = (unit(hash3(seed, 0, 0)), unit(hash3(seed, 1, 0)));
     let direction = cosine_hemisphere(walker.normal, xi);

@@ -20,9 +20,9 @@ pub const VOXEL_LIMIT: u64 = 1 << 26;
 pub const CLIPPED_TRIANGLE_LIMIT: u64 = 1 << 26;
 
 /// Surfaces that fill less than this share of a voxel's mean face do not occupy it.
-const LEAST_SHARE: f64 = 1e-9;
+const MIN_SHARE: f64 = 1e-9;
 /// [`Grid::for_count`] asks for no better count when the edge is known to this factor.
-const LEAST_BRACKET: f64 = 1.002;
+const MIN_BRACKET: f64 = 1.002;
 /// Room between the scene and the grid's outside, in voxel edges.
 const MARGIN: f64 = 1e-3;
 
@@ -30,7 +30,7 @@ const MARGIN: f64 = 1e-3;
 /// `triangles[offsets[s]..offsets[s + 1]]`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Grid {
-    /// Where the voxels lie.
+    /// Position of the voxels.
     pub shape: GridShape,
     /// Numbers of the voxels that hold surfaces, rising, `[n]`.
     pub occupied: Vec<u32>,
@@ -53,7 +53,7 @@ impl Grid {
         let shape = shape(scene, edges)?;
         let layers = layers(&shape);
         let e = edges.as_dvec3();
-        let least = LEAST_SHARE * (e.x * e.y + e.y * e.z + e.z * e.x) / 3.0;
+        let least = MIN_SHARE * (e.x * e.y + e.y * e.z + e.z * e.x) / 3.0;
         let total = AtomicU64::new(0);
         let mut clipped: Vec<(u64, f32)> = scene.geometry.triangles.par_iter().enumerate().par_fold_reduce(
             Vec::new,
@@ -99,9 +99,9 @@ impl Grid {
         Ok(Self { shape, occupied, offsets, triangles, areas })
     }
 
-    /// The grid with voxels of these proportions for which `count` (patches, say) comes nearest to `target`: bisection of
-    /// the edge, down to 2 % of the target, to 10 % when the edge is known to 0.2 % (the count jumps where the grid gets a
-    /// layer more), or 16 grids.
+    /// The grid with voxels of these proportions for which `count` (patches, say) comes nearest to `target`: bisection
+    /// of the edge, down to 2 % of the target, to 10 % when the edge is known to 0.2 % (the count jumps where the grid
+    /// gets a layer more), or 16 grids.
     ///
     /// # Errors
     /// As [`Grid::new`], and what `count` returns.
@@ -145,7 +145,7 @@ impl Grid {
                 large = edge;
             }
             let is_near = best.as_ref().is_some_and(|(distance, _)| *distance < 0.1);
-            if is_near && large < small * LEAST_BRACKET {
+            if is_near && large < small * MIN_BRACKET {
                 break;
             }
             let estimate = edge * ratio.sqrt();
@@ -160,7 +160,7 @@ impl Grid {
         self.occupied.len()
     }
 
-    /// Whether no voxel is occupied.
+    /// Returns true if no voxel is occupied.
     pub fn is_empty(&self) -> bool {
         self.occupied.is_empty()
     }

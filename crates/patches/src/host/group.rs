@@ -107,7 +107,7 @@ pub(super) fn patches_of(grid: &Grid, set: SampleSet, voxels: Vec<Vec<Group>>) -
     PatchSet::from_groups(set.samples, &numbers, offsets, members)
 }
 
-/// Whether a set of samples belongs to a grid.
+/// Checks that a set of samples belongs to a grid.
 pub(super) fn check_voxels(grid: &Grid, set: &SampleSet) -> Result<(), Error> {
     if set.offsets.len() != grid.len() + 1 {
         return Err(Error::Length { name: "offsets of samples", expected: grid.len() + 1, found: set.offsets.len() });

@@ -14,20 +14,20 @@ use transport::kernel::grid::{cell_corners, cell_count, interpolate_receivers, v
 use transport::{ReceiverCell, TriangleGrid, check_length};
 
 use super::focus::Density;
-use super::subdivide::{MOST_DIVISIONS, check_cells, check_positive, number_entries, side_point, triangle_area};
+use super::subdivide::{MAX_DIVISIONS, check_cells, check_positive, number_entries, side_point, triangle_area};
 use crate::error::Error;
 
 /// Least cosine between their normals.
-const LEAST_COSINE: f32 = 0.995;
+const MIN_COSINE: f32 = 0.995;
 /// Most distance of a vertex from the plane of its receiver, as a share of the welding distance.
-const MOST_OFFSET: f32 = 0.1;
+const MAX_OFFSET: f32 = 0.1;
 
 /// Vertices are moved inwards by this share of an edge between them.
 const INWARDS: f32 = 0.05;
 /// Sides whose places are looked for together.
 const BLOCK_SIDES: usize = 1 << 14;
 /// Most divisions along the edge of a cell.
-const MOST_WITHIN: f32 = 32.0;
+const MAX_WITHIN: f32 = 32.0;
 
 /// Points at which irradiance is wanted: the vertices of a grid on each triangle, those that lie together merged.
 #[derive(Clone, Debug, Default)]
@@ -59,15 +59,15 @@ struct Side {
 }
 
 impl InterpolationMesh {
-    /// Vertices of a grid on each side in `sides`: cells whose edges are at most `edge` m long, each cut further until edges
-    /// are no longer than `within` says for its middle and its corners and its longest edge; a cell for which it says
-    /// nothing asks `otherwise` for its middle, many cells together, and has no vertices where that says nothing either; one
-    /// that is smaller than the length has a single one. Vertices closer than `weld` m on nearly the same plane and side are
-    /// one receiver. Both lengths grow with [`Density::edge`].
+    /// Vertices of a grid on each side in `sides`: cells whose edges are at most `edge` m long, each cut further until
+    /// edges are no longer than `within` says for its middle and its corners and its longest edge; a cell for which it
+    /// says nothing asks `otherwise` for its middle, many cells together, and has no vertices where that says nothing
+    /// either; one that is smaller than the length has a single one. Vertices closer than `weld` m on nearly the same
+    /// plane and side are one receiver. Both lengths grow with [`Density::edge`].
     ///
     /// # Errors
-    /// [`transport::Error::Setting`] for an edge that is not positive, [`transport::Error::Length`], [`transport::Error::TooMany`];
-    /// what `otherwise` says.
+    /// [`transport::Error::Setting`] for an edge that is not positive, [`transport::Error::Length`],
+    /// [`transport::Error::TooMany`]; what `otherwise` says.
     pub fn new(
         scene: &Scene,
         density: &Density,
@@ -83,7 +83,7 @@ impl InterpolationMesh {
         let divisions: Vec<u32> = (0..scene.geometry.triangles.len())
             .map(|t| {
                 let edge = edge * density.triangle_edge(&scene.geometry.triangles[t]);
-                (scene.longest_edge(t as u32) / edge * (1.0 - 1e-6)).ceil().clamp(1.0, MOST_DIVISIONS as f32) as u32
+                (scene.longest_edge(t as u32) / edge * (1.0 - 1e-6)).ceil().clamp(1.0, MAX_DIVISIONS as f32) as u32
             })
             .collect();
         check_cells(scene, sides, &divisions)?;
@@ -135,8 +135,8 @@ impl InterpolationMesh {
         sides.collect()
     }
 
-    /// Leaves out receivers that are not good where their cell has a good one: their vertices take that of a good vertex
-    /// beside them. Returns what number each of those that are left had. `good` holds one flag a receiver.
+    /// Leaves out receivers that are not good where their cell has a good one: their vertices take that of a good
+    /// vertex beside them. Returns what number each of those that are left had. `good` holds one flag a receiver.
     ///
     /// # Errors
     /// [`transport::Error::Length`] for a wrong number of flags.
@@ -226,12 +226,12 @@ impl InterpolationMesh {
     }
 }
 
-/// What is known of a cell before its vertices are placed.
+/// State of a cell before its vertices are placed.
 struct CellPlan {
     middle: SurfacePoint,
     /// Longest edge between its vertices, m, if anything says so.
     length: Option<f32>,
-    /// Whether it is smaller than that, and has one value.
+    /// True if it is smaller than that, and has one value.
     is_single: bool,
 }
 
@@ -267,7 +267,7 @@ fn places(scene: &Scene, side: &Side, cells: &[CellPlan]) -> Vec<(u32, Vec<Surfa
         if cell.is_single {
             return (1, vec![cell.middle; 3]);
         }
-        let divisions = (longest / length * (1.0 - 1e-6)).ceil().clamp(1.0, MOST_WITHIN) as u32;
+        let divisions = (longest / length * (1.0 - 1e-6)).ceil().clamp(1.0, MAX_WITHIN) as u32;
         (divisions, cell_vertices(scene, side, k, divisions, cell.middle.position))
     };
     (0u32..).zip(cells).map(vertices).collect()
@@ -282,7 +282,8 @@ fn vertex_places(side: &Side, k: u32, divisions: u32) -> impl Iterator<Item = Ve
     })
 }
 
-/// The receivers that the vertices of cell `k` of a side would have alone: a little inwards, and visible from its middle.
+/// The receivers that the vertices of cell `k` of a side would have alone: a little inwards, and visible from its
+/// middle.
 fn cell_vertices(scene: &Scene, side: &Side, k: u32, divisions: u32, middle: Vec3) -> Vec<SurfacePoint> {
     let third = Vec2::splat(1.0 / 3.0);
     let inwards = INWARDS / (side.divisions * divisions) as f32;
@@ -343,11 +344,11 @@ struct Found {
 /// The cells about a place, its own first: that holds most of what is found.
 const ABOUT: [u32; 27] =
     [13, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 14, 15, 16, 17, 18, 19, 20, 21, 22, 23, 24, 25, 26];
-/// What rounding may take from a place in edges of a cell, as a share of it.
+/// Rounding tolerance of a place in edges of a cell, as a share of it.
 const ROUNDING: f32 = 1e-6;
-/// Most distance of a receiver from the plane of a vertex, in edges of a cell: [`MOST_OFFSET`], and what the difference of
-/// their normals adds.
-const MOST_HEIGHT: f32 = 0.21;
+/// Most distance of a receiver from the plane of a vertex, in edges of a cell: [`MAX_OFFSET`], and what the difference
+/// of their normals adds.
+const MAX_HEIGHT: f32 = 0.21;
 
 impl Cells {
     fn new(density: &Density, distance: f32, first: usize) -> Self {
@@ -366,8 +367,9 @@ impl Cells {
         self.before.push(self.last.insert(cell, number).unwrap_or(NONE));
     }
 
-    /// The nearest receiver of the same side and nearly the same plane as `point`, if it comes before `best`. The order is that
-    /// of the cells, in a cell the newest first; `is_older` says that these receivers are older than those of `best`.
+    /// The nearest receiver of the same side and nearly the same plane as `point`, if it comes before `best`. The order
+    /// is that of the cells, in a cell the newest first; `is_older` says that these receivers are older than those of
+    /// `best`.
     fn nearest(&self, points: &[SurfacePoint], point: &SurfacePoint, is_older: bool, mut best: Found) -> Found {
         let level = self.density.level(point.position);
         let distance = self.distance(point.position);
@@ -396,10 +398,10 @@ impl Cells {
     }
 }
 
-/// Whether a vertex is on the side of a receiver and nearly in its plane; those within `distance` m are one.
+/// Returns true if a vertex is on the side of a receiver and nearly in its plane; those within `distance` m are one.
 fn are_of_one_plane(point: &SurfacePoint, there: &SurfacePoint, distance: f32) -> bool {
     let offset = (point.position - there.position).dot(there.normal).abs();
-    point.normal.dot(there.normal) >= LEAST_COSINE && offset <= MOST_OFFSET * distance
+    point.normal.dot(there.normal) >= MIN_COSINE && offset <= MAX_OFFSET * distance
 }
 
 /// A place in its cell, in edges of a cell.
@@ -410,15 +412,15 @@ struct About {
 }
 
 impl About {
-    /// Whether no receiver of the cell at this step can serve: all are further than the root of `squared`, or too far from the
-    /// plane.
+    /// Returns true if no receiver of the cell at this step can serve: all are further than the root of `squared`, or
+    /// too far from the plane.
     fn is_beyond(&self, step: Vec3, squared: f32) -> bool {
         let gap = (step - self.within).max(self.within - step - 1.0) - self.slack;
         if gap.max(Vec3::ZERO).length_squared() * (1.0 - ROUNDING) > squared {
             return true;
         }
         let half = 0.5 * self.normal.abs().element_sum();
-        self.normal.dot(step + 0.5 - self.within).abs() > half + MOST_HEIGHT + 3.0 * self.slack
+        self.normal.dot(step + 0.5 - self.within).abs() > half + MAX_HEIGHT + 3.0 * self.slack
     }
 }
 
@@ -429,8 +431,8 @@ struct Welder<'a> {
     points: Vec<SurfacePoint>,
 }
 
-/// The receiver of a vertex, and the one nearest to it: an older receiver, a vertex of the same block (numbered after those),
-/// or [`NONE`].
+/// The receiver of a vertex, and the one nearest to it: an older receiver, a vertex of the same block (numbered after
+/// those), or [`NONE`].
 #[derive(Clone, Copy)]
 struct Joined {
     receiver: u32,
@@ -444,8 +446,8 @@ impl<'a> Welder<'a> {
 
     /// The receiver of each vertex, one after the other: the nearest there is with nothing between, or a new one.
     ///
-    /// The nearest of the receivers before the first vertex are found on all cores. So is what stands between, after all
-    /// vertices were joined as if nothing did; where something does, they are joined once more.
+    /// The nearest of the receivers before the first vertex are found on all cores. So is what stands between, after
+    /// all vertices were joined as if nothing did; where something does, they are joined once more.
     fn receivers(&mut self, vertices: &[SurfacePoint]) -> Vec<u32> {
         let first = self.points.len();
         let search = |vertex: &SurfacePoint| {
@@ -474,8 +476,8 @@ impl<'a> Welder<'a> {
         joined.iter().map(|join| join.receiver).collect()
     }
 
-    /// Joins vertices with the nearest receivers that are not hidden, as `is_hidden(self, vertex, nearest)` says. `older` are
-    /// the nearest receivers before the first vertex.
+    /// Joins vertices with the nearest receivers that are not hidden, as `is_hidden(self, vertex, nearest)` says.
+    /// `older` are the nearest receivers before the first vertex.
     fn join(
         &mut self,
         vertices: &[SurfacePoint],
@@ -503,10 +505,10 @@ impl<'a> Welder<'a> {
         joined
     }
 
-    /// Whether something stands between a vertex and a receiver.
+    /// Returns true if something stands between a vertex and a receiver.
     fn is_hidden(&self, vertex: &SurfacePoint, receiver: &SurfacePoint) -> bool {
         // High enough to pass over the curvature that welding allows.
-        let height = self.scene.geometry.ray_offset + MOST_OFFSET * self.cells.distance(vertex.position);
+        let height = self.scene.geometry.ray_offset + MAX_OFFSET * self.cells.distance(vertex.position);
         let lift = (vertex.normal + receiver.normal) * height;
         self.scene.any_hit(vertex.position + lift, receiver.position + lift)
     }

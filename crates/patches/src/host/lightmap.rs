@@ -21,15 +21,16 @@ pub const LIGHTMAP_LIMIT: u32 = 8192;
 /// A texel is covered when its middle is so near to the triangle, in texels: then every point of the triangle lies in
 /// covered texels.
 const REACH: f32 = core::f32::consts::FRAC_1_SQRT_2;
-/// How far taps are from their receiver and from the edges of its triangle, in texels.
+/// Distance of taps from their receiver and from the edges of its triangle, in texels.
 const TAP: f32 = 0.25;
 /// Receivers stay so far from the edges of their triangle, in texels, where it is wide enough.
 const INSET: f32 = 0.02;
 
-/// An atlas of triangle sides, one receiver a covered texel. Neighbours across an edge share a chart where that bends by less
-/// than 30° and they fill the chart, or take no more texels than with one for each; charts have a border of a texel and never mix. Receivers stand at the middles
-/// of the texels, moved into the triangle where these lie outside. Texels without a receiver take that of the nearest one
-/// of their chart, so that values may be interpolated, and filtered by a texture unit, up to the edges.
+/// An atlas of triangle sides, one receiver a covered texel. Neighbours across an edge share a chart where that bends
+/// by less than 30° and they fill the chart, or take no more texels than with one for each; charts have a border of a
+/// texel and never mix. Receivers stand at the middles of the texels, moved into the triangle where these lie outside.
+/// Texels without a receiver take that of the nearest one of their chart, so that values may be interpolated, and
+/// filtered by a texture unit, up to the edges.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LightmapTexels {
     /// Size of the atlas.
@@ -40,7 +41,7 @@ pub struct LightmapTexels {
     pub uvs: Vec<TriangleUv>,
     /// The receiver of each texel, row by row, or [`NONE`].
     pub texels: Vec<u32>,
-    /// Where each receiver stands: its triangle and the shares u, v of the triangle's edges; t is 0.
+    /// Position of each receiver: its triangle and the shares u, v of the triangle's edges; t is 0.
     pub places: Vec<Hit>,
     points: Vec<SurfacePoint>,
     /// Edge of a texel, m.
@@ -48,9 +49,9 @@ pub struct LightmapTexels {
 }
 
 impl LightmapTexels {
-    /// Lays out the sides in `sides` with square texels of `texel` m. Receivers that are not `is_lit`, as those under what
-    /// stands on a floor, are left out, and their texels take the nearest others; a side without any has no chart. On all
-    /// cores, the same bytes for any number of them.
+    /// Lays out the sides in `sides` with square texels of `texel` m. Receivers that are not `is_lit`, as those under
+    /// what stands on a floor, are left out, and their texels take the nearest others; a side without any has no chart.
+    /// On all cores, the same bytes for any number of them.
     ///
     /// # Errors
     /// [`Error::Setting`] for a texel that is not positive, [`Error::Length`] unless there is an entry of `sides` a
@@ -94,9 +95,9 @@ impl LightmapTexels {
         Ok(set)
     }
 
-    /// Of an atlas that is there: `uvs` has the place of each triangle in [0, 1]² from the upper left, as glTF's `TEXCOORD_1`, and
-    /// none for those without. Square, of so many texels that one has `texel` m on the mean. A triangle whose two sides are lit
-    /// takes part with its front. Otherwise as [`Self::new`].
+    /// Receivers of an existing atlas: `uvs` has the place of each triangle in [0, 1]² from the upper left, as glTF's
+    /// `TEXCOORD_1`, and none for those without. Square, of so many texels that one has `texel` m on the mean. A
+    /// triangle whose two sides are lit takes part with its front. Otherwise as [`Self::new`].
     ///
     /// # Errors
     /// As [`Self::new`]; [`Error::AtlasOverlap`] where two triangles lie on each other.
@@ -171,9 +172,9 @@ impl LightmapTexels {
         self.uvs.get(place as usize).copied()
     }
 
-    /// Four places about a receiver, a quarter of a texel from it each way and from the edges of its triangle where that is so
-    /// wide: light that changes within a texel, as at the edge of a shadow, is better told by their mean. `None` beyond the
-    /// receivers.
+    /// Four places about a receiver, a quarter of a texel from it each way and from the edges of its triangle where
+    /// that is so wide: light that changes within a texel, as at the edge of a shadow, is better told by their mean.
+    /// `None` beyond the receivers.
     pub fn taps(&self, scene: &Scene, receiver: usize) -> Option<[SurfacePoint; 4]> {
         let (place, point) = (self.places.get(receiver)?, self.points.get(receiver)?);
         let triangle = scene.geometry.triangles.get(place.triangle as usize)?;
@@ -191,8 +192,8 @@ impl LightmapTexels {
         }))
     }
 
-    /// Irradiance on a side of a triangle at the shares u, v of its edges, W/m²: [`lightmap_lookup`] there, zero without a
-    /// chart. `values` holds one entry a receiver.
+    /// Irradiance on a side of a triangle at the shares u, v of its edges, W/m²: [`lightmap_lookup`] there, zero
+    /// without a chart. `values` holds one entry a receiver.
     ///
     /// # Errors
     /// [`Error::Length`] for a wrong number of values.
@@ -266,7 +267,8 @@ impl Chart {
         (!points.is_empty()).then_some(Filled { points, places, texels })
     }
 
-    /// For each texel that a triangle covers, the nearest place of the nearest triangle, and the square of its distance.
+    /// For each texel that a triangle covers, the nearest place of the nearest triangle, and the square of its
+    /// distance.
     fn cover(&self, width: u32, height: u32, texel: f32) -> Vec<Option<(f32, Vec2, &ChartTriangle)>> {
         let mut nearest = alloc::vec![None; (width * height) as usize];
         for part in &self.triangles {
@@ -317,7 +319,8 @@ fn nearest_place(corners: [Vec2; 3], place: Vec2, inset: f32) -> Vec2 {
     on_edge.min_by(|a, b| a.distance_squared(place).total_cmp(&b.distance_squared(place))).unwrap_or(middle)
 }
 
-/// Gives texels without a receiver that of the nearest one, counted in steps to the eight neighbours; of several the first.
+/// Gives texels without a receiver that of the nearest one, counted in steps to the eight neighbours; of several the
+/// first.
 fn dilate(texels: &mut [u32], width: u32, height: u32) {
     let mut front: Vec<u32> = (0..width * height).filter(|&k| texels[k as usize] != NONE).collect();
     while !front.is_empty() {

@@ -16,8 +16,8 @@ use crate::error::Error;
 use crate::types::Sample;
 
 /// Candidates for a sample, at most.
-const MOST_CANDIDATES: f64 = 30.0;
-const LEAST_PROBES: u32 = 8192;
+const MAX_CANDIDATES: f64 = 30.0;
+const MIN_PROBES: u32 = 8192;
 /// A candidate takes the answer of probe samples that agree: as many as there are, up to this many, within this many
 /// of their edges.
 const NEIGHBOURS: usize = 4;
@@ -25,13 +25,13 @@ const NEIGHBOURS: usize = 4;
 const COMPARED: usize = 7;
 /// Walks of a candidate near which probe samples do not agree: one that is left out by mistake has neighbours.
 const WALKS: u32 = 3;
-const MOST_DISTANCE: f32 = 3.0;
+const MAX_DISTANCE: f32 = 3.0;
 /// The nearest of probe samples that say no is no further than this.
 const DARK_DISTANCE: f32 = 1.0;
 
 /// Who walks from places to light, and looks from place to place, in the host's stead.
 pub trait Walker: Sync {
-    /// What [`scene::part_taken`] says of each place, by so many walks.
+    /// Result of [`scene::part_taken`] for each place, by so many walks.
     ///
     /// # Errors
     /// [`Error::Rows`] with the walker's own.
@@ -44,16 +44,17 @@ pub trait Walker: Sync {
     fn stopped(&self, scene: &Scene, rays: &[Ray]) -> Result<Vec<u32>, Error>;
 }
 
-/// Makes samples of both sides of all triangles, as dense as a [`Density`] says and for equal areas where that is the same
-/// everywhere, without those inside of solids, below what stands on a surface or lies close over it, or that see no geometry.
-/// A few probe samples are tested by random walks; where they agree, candidates take their answer. In a dark room walks
-/// fail: light comes also to what sees geometry and, along the surface, no more dark probe samples than lit ones.
+/// Makes samples of both sides of all triangles, as dense as a [`Density`] says and for equal areas where that is the
+/// same everywhere, without those inside of solids, below what stands on a surface or lies close over it, or that see
+/// no geometry. A few probe samples are tested by random walks; where they agree, candidates take their answer. In a
+/// dark room walks fail: light comes also to what sees geometry and, along the surface, no more dark probe samples than
+/// lit ones.
 #[derive(Clone)]
 pub struct LitSampler<'a> {
     scene: &'a Scene,
     density: Density,
     walker: Option<&'a dyn Walker>,
-    /// Whether light comes to each probe sample that nothing covers, and where they are.
+    /// Reachability of light at each uncovered probe sample, and their places.
     lit: Vec<bool>,
     probes: Vec<SurfacePlace>,
     nearest: Nearest,
@@ -72,7 +73,8 @@ impl<'a> LitSampler<'a> {
         Self::with_walker(None, scene, probe_samples, density, seed)
     }
 
-    /// [`LitSampler::new`] with somebody who walks for all samples that are asked about together; without, the host does.
+    /// [`LitSampler::new`] with somebody who walks for all samples that are asked about together; without, the host
+    /// does.
     ///
     /// # Errors
     /// As [`LitSampler::new`]; what the walker says.
@@ -84,7 +86,7 @@ impl<'a> LitSampler<'a> {
         seed: u32,
     ) -> Result<Self, Error> {
         let seed = seed ^ 0x7069_6c6f;
-        let probe_samples = even_samples(scene, &density, probe_samples.max(LEAST_PROBES), seed);
+        let probe_samples = even_samples(scene, &density, probe_samples.max(MIN_PROBES), seed);
         let counted = |sample: &Sample| f64::from(sample.area * triangle_share(scene, &density, sample));
         let total_area = probe_samples.iter().map(counted).sum();
         let probe_edge = scene::math::sqrt((total_area / probe_samples.len() as f64) as f32);
@@ -119,7 +121,7 @@ impl<'a> LitSampler<'a> {
         self.walker
     }
 
-    /// How densely samples stand.
+    /// Density of samples.
     pub fn density(&self) -> &Density {
         &self.density
     }
@@ -140,13 +142,13 @@ impl<'a> LitSampler<'a> {
     /// Samples of which about `count` are lit, without asking, each for the same area times [`Density::share`].
     pub fn candidates(&self, count: u32, seed: u32) -> Vec<Sample> {
         // No more than memory holds, however little of the surface is lit.
-        let candidates = f64::from(count) * (self.total_area / self.lit_area).min(MOST_CANDIDATES);
+        let candidates = f64::from(count) * (self.total_area / self.lit_area).min(MAX_CANDIDATES);
         even_samples(self.scene, &self.density, candidates as u32, seed)
     }
 
-    /// Those of the samples to which light comes and that nothing covers within a share of the distance between them: in
-    /// so narrow a gap it is dark, and whoever interpolates between samples would take the darkness out of it. Where all
-    /// are covered they stay.
+    /// Those of the samples to which light comes and that nothing covers within a share of the distance between them:
+    /// in so narrow a gap it is dark, and whoever interpolates between samples would take the darkness out of it. Where
+    /// all are covered they stay.
     ///
     /// # Errors
     /// What the walker says.
@@ -159,8 +161,8 @@ impl<'a> LitSampler<'a> {
         Ok(if open.is_empty() { samples } else { open })
     }
 
-    /// Whether light comes to the place and side of each sample, which sees geometry; areas and albedos are not asked. The same
-    /// place and seed give the same answer.
+    /// Reachability of light at the place and side of each sample, which sees geometry; areas and albedos are not
+    /// asked. The same place and seed give the same answer.
     ///
     /// # Errors
     /// What the walker says.
@@ -168,8 +170,8 @@ impl<'a> LitSampler<'a> {
         self.take_part(samples, |_, sample| place_number(sample), seed)
     }
 
-    /// The answer of the probe samples where they agree, else of walks with random numbers of its own, else of those that
-    /// it sees. `number` chooses a sample's random numbers.
+    /// The answer of the probe samples where they agree, else of walks with random numbers of its own, else of those
+    /// that it sees. `number` chooses a sample's random numbers.
     fn take_part(
         &self,
         samples: &[Sample],
@@ -188,9 +190,9 @@ impl<'a> LitSampler<'a> {
         Ok(lit)
     }
 
-    /// What the probe samples about a sample say.
+    /// Probe samples about a sample.
     fn ask_probes(&self, sample: &Sample) -> Asked {
-        let (near, found) = self.nearest.samples::<NEIGHBOURS>(sample.position, sample.normal, MOST_DISTANCE);
+        let (near, found) = self.nearest.samples::<NEIGHBOURS>(sample.position, sample.normal, MAX_DISTANCE);
         let answer = match near[..found].iter().filter(|probe| self.lit[probe.0 as usize]).count() {
             // A surface that is left out by mistake is black: dark ones must be many and near.
             0 if found == NEIGHBOURS && near[0].1 < DARK_DISTANCE => Some(false),
@@ -200,7 +202,7 @@ impl<'a> LitSampler<'a> {
         Asked { answer, near: near.map(|probe| probe.0), found }
     }
 
-    /// Whether light comes to a sample about which they do not agree and of which walks say this.
+    /// Returns true if light comes to a sample whose probes disagree and of which walks say this.
     fn is_settled(&self, sample: &Sample, asked: &Asked, part: u32) -> bool {
         if part != DARK {
             return part == LIT;
@@ -246,8 +248,8 @@ fn parts_taken(
     }
 }
 
-/// Whether so many random walks from each place come to light ([`scene::is_open`]), by a walker or on all cores of the host. The
-/// number that a place has as its patch is the seed of its walks.
+/// Results of so many random walks from each place, true where one comes to light ([`scene::is_open`]), by a walker or
+/// on all cores of the host. The number that a place has as its patch is the seed of its walks.
 pub(super) fn are_open(
     walker: Option<&dyn Walker>,
     scene: &Scene,
@@ -270,7 +272,7 @@ fn light_majorities(
     parts: &mut [u32],
 ) {
     let sees_light = |k: usize| {
-        let (near, found) = nearest.samples::<COMPARED>(places[k].position, places[k].normal, MOST_DISTANCE);
+        let (near, found) = nearest.samples::<COMPARED>(places[k].position, places[k].normal, MAX_DISTANCE);
         let others = near[..found].iter().map(|probe| probe.0 as usize).filter(|&j| j != k && parts[j] != APART);
         let edge = edge(&places[k]);
         let seen = others.filter(|&j| is_visible(scene, places[k], places[j], edge));
@@ -281,25 +283,25 @@ fn light_majorities(
     lit.into_iter().for_each(|k| parts[k] = LIT);
 }
 
-/// Whether there are some that are lit, and no more that are not.
+/// Returns true if there are some that are lit, and no more that are not.
 fn is_majority(lit: impl Iterator<Item = bool>) -> bool {
     let (mut bright, mut dark) = (0, 0);
     lit.for_each(|lit| if lit { bright += 1 } else { dark += 1 });
     bright > 0 && bright >= dark
 }
 
-/// Whether something covers a sample, with others as far from it as the edge of its area.
+/// Returns true if something covers a sample, with others as far from it as the edge of its area.
 fn is_sample_covered(scene: &Scene, sample: &Sample) -> bool {
     is_covered(scene, SurfacePlace::from(sample), scene::math::sqrt(sample.area))
 }
 
-/// What an area counts on the triangle of a sample.
+/// Share of an area on the triangle of a sample.
 fn triangle_share(scene: &Scene, density: &Density, sample: &Sample) -> f32 {
     density.triangle_share(&scene.geometry.triangles[sample.triangle as usize])
 }
 
-/// About `count` samples of both sides of all triangles, each for the same area times what that counts: one in each interval
-/// of the running sum over the sides. Holes of masked textures have none.
+/// About `count` samples of both sides of all triangles, each for the same area times what that counts: one in each
+/// interval of the running sum over the sides. Holes of masked textures have none.
 fn even_samples(scene: &Scene, density: &Density, count: u32, seed: u32) -> Vec<Sample> {
     let geometry = scene.tables();
     let triangles = &scene.geometry.triangles;

@@ -12,12 +12,12 @@ use crate::error::Error;
 use crate::kernel::lookup::lookup;
 use crate::types::{EMPTY_CELL, GridShape, LookupParams, LookupPatch, RULE_PLANES, RULE_WALLS, VirtualPatch};
 
-/// How values between patches are found.
+/// Settings of the interpolation between patches.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LookupSettings {
     /// Distance from the point's plane from which on patches do not count, in voxel edges along the normal.
     pub plane_limit: f32,
-    /// Whether patches behind a wall do not count.
+    /// True if patches behind a wall do not count.
     pub walls: bool,
 }
 
@@ -38,7 +38,7 @@ impl Default for LookupSettings {
     }
 }
 
-/// What [`lookup`] reads: the patches of each voxel, and for each empty voxel the nearest one that has patches.
+/// Tables of [`lookup`]: the patches of each voxel, and for each empty voxel the nearest one that has patches.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Lookup {
@@ -58,7 +58,8 @@ pub struct Lookup {
     pub values: usize,
 }
 
-/// A dark patch has no say where a patch of the set looks its way, with a cosine above this, in the same plane and beside it.
+/// A dark patch has no say where a patch of the set looks its way, with a cosine above this, in the same plane and
+/// beside it.
 const LIKE_COSINE: f32 = 0.5;
 
 impl Lookup {
@@ -71,11 +72,11 @@ impl Lookup {
         Self::with_dark(&grid.shape, (set.len(), |k| set.patches[k]), (0, |_| VirtualPatch::default()), settings)
     }
 
-    /// As [`Lookup::new`], for a number of patches and what tells one of them, so that they need no table; and with patches of the places
-    /// that no light comes to, so that such a place is dark and does not show
-    /// what lies behind its wall. A dark patch is left out where the voxels beside its own hold one of the others in its
-    /// plane that looks its way: no place that light comes to becomes darker. The value of all dark patches is the last of
-    /// the table of values, which then has one more than there are patches and must end with 0.
+    /// As [`Lookup::new`], for a number of patches and what tells one of them, so that they need no table; and with
+    /// patches of the places that no light comes to, so that such a place is dark and does not show what lies behind
+    /// its wall. A dark patch is left out where the voxels beside its own hold one of the others in its plane that
+    /// looks its way: no place that light comes to becomes darker. The value of all dark patches is the last of the
+    /// table of values, which then has one more than there are patches and must end with 0.
     ///
     /// # Errors
     /// As [`Lookup::new`].
@@ -126,7 +127,8 @@ impl Lookup {
         Ok(Self { params, cells, offsets, entries, values })
     }
 
-    /// The mean at a surface point with a unit normal of the values of the patches round it, [`Lookup::values`] of them.
+    /// The mean at a surface point with a unit normal of the values of the patches round it, [`Lookup::values`] of
+    /// them.
     ///
     /// # Errors
     /// [`Error::Length`] for a wrong number of values.
@@ -161,8 +163,8 @@ impl Lookup {
     }
 }
 
-/// Whether the voxels round that of a dark patch hold one of the others in its plane that looks its way. `order` has their voxels and
-/// numbers, and rises.
+/// Returns true if the voxels round that of a dark patch hold one of the others in its plane that looks its way.
+/// `order` has their voxels and numbers, and rises.
 fn has_like(
     shape: &GridShape,
     order: &[(u32, u32)],

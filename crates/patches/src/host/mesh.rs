@@ -19,9 +19,9 @@ use super::lookup::Lookup;
 
 /// Largest number of patches: counts of hits name columns by 16 bits, and form factors of polygons
 /// are a dense matrix while they are balanced.
-pub const MOST_PATCHES: usize = 65_535;
+pub const MAX_PATCHES: usize = 65_535;
 
-/// What patches are.
+/// Kind of patches.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum PatchKind {
@@ -47,8 +47,8 @@ impl PatchKind {
         }
     }
 
-    /// Whether patches are bound to voxels, so that the voxels' edge may be set and values between
-    /// patches are looked up.
+    /// Returns true if patches are bound to voxels, so that the voxels' edge may be set and values between patches are
+    /// looked up.
     pub fn has_voxels(self) -> bool {
         matches!(self, Self::Voxel | Self::Axis)
     }
@@ -57,7 +57,7 @@ impl PatchKind {
 /// Settings of [`PatchMesh::new`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MeshSettings {
-    /// What patches are.
+    /// Kind of patches.
     pub kind: PatchKind,
     /// About how many patches.
     pub count: usize,
@@ -112,7 +112,7 @@ pub struct PatchMesh {
     pub(super) cells: Vec<u32>,
 }
 
-/// What the columns of an operator stand for.
+/// Meaning of the columns of an operator.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Columns {
     /// Patches.
@@ -233,8 +233,8 @@ impl PatchMesh {
         shares
     }
 
-    /// What light any points receive from the patches or the elements: row i of the form factors
-    /// is the mean over `points[offsets[i]..offsets[i + 1]]`.
+    /// Operator from patches or elements to any points: row i of the form factors is the mean over
+    /// `points[offsets[i]..offsets[i + 1]]`.
     pub fn lighting<'a>(
         &'a self,
         scene: &'a Scene,
@@ -264,7 +264,7 @@ impl PatchMesh {
         }
     }
 
-    /// What light the elements receive from the patches.
+    /// Operator from patches to elements.
     pub fn surfaces<'a>(&'a self, scene: &'a Scene, seed: u32) -> Surfaces<'a> {
         let surfaces = self.lighting(scene, Columns::Patches, &self.points, &self.offsets, seed);
         Surfaces { row_polygons: &self.polygons, ..surfaces }

@@ -9,7 +9,7 @@ use crate::types::Sample;
 
 /// A rotation of the normal by 60° counts as much as this many sample edges.
 const NORMAL_EDGES: f32 = 4.0;
-/// What is added to the square of the distance along the normal, so that it counts four times: sheets may be near.
+/// Added to the square of the distance along the normal, so that it counts four times: sheets may be near.
 const OFFSET: f32 = 15.0;
 /// Edge of a cell of the search grid, in sample edges.
 const CELL: f32 = 2.0;
@@ -22,7 +22,7 @@ const REACH: i32 = BLOCK / 2;
 const FARTHEST: f32 = (1 << 24) as f32;
 /// No block.
 const NONE: u32 = u32::MAX;
-/// What rounding may take from the least distance of a cell.
+/// Rounding tolerance of the least distance of a cell.
 const ROUNDING: f32 = 0.9999;
 
 /// Finds the nearest samples in position and normal. Distances are in sample edges, of each sample in its own: samples
@@ -34,8 +34,8 @@ pub struct Nearest {
     levels: Vec<Level>,
 }
 
-/// Samples of about equal area: cells in blocks of 8³, a hash of the blocks that hold samples, so that a search asks the hash
-/// for eight blocks at most and looks only at cells that can hold something nearer than what it has.
+/// Samples of about equal area: cells in blocks of 8³, a hash of the blocks that hold samples, so that a search asks
+/// the hash for eight blocks at most and looks only at cells that can hold something nearer than what it has.
 #[derive(Clone)]
 struct Level {
     /// Positions and normals in the order of their cells, and whose they are.
@@ -67,16 +67,16 @@ impl Nearest {
         Self { density: *density, levels: levels.into_iter().map(|level| Level::new(samples, level)).collect() }
     }
 
-    /// The sample nearest to a place on the side of a surface with this unit normal, and its distance in its own edges: √ of
-    /// the square of that in space, the part along the normal counted four times, and 16 |n − n'|². None when there is none
-    /// within `most` edges, of which 8 are the most.
+    /// The sample nearest to a place on the side of a surface with this unit normal, and its distance in its own edges:
+    /// √ of the square of that in space, the part along the normal counted four times, and 16 |n − n'|². None when
+    /// there is none within `most` edges, of which 8 are the most.
     pub fn sample(&self, position: Vec3, normal: Vec3, most: f32) -> Option<(u32, f32)> {
         let (best, found) = self.samples::<1>(position, normal, most);
         (found > 0).then_some(best[0])
     }
 
-    /// Up to N nearest samples within `most` edges, the nearest first with their distances, as [`Nearest::sample`] finds one,
-    /// and how many there are.
+    /// Up to N nearest samples within `most` edges, the nearest first with their distances, as [`Nearest::sample`]
+    /// finds one, and how many there are.
     pub fn samples<const N: usize>(&self, position: Vec3, normal: Vec3, most: f32) -> ([(u32, f32); N], usize) {
         let mut best = [(0, most * most); N];
         let mut found = 0;
@@ -114,8 +114,8 @@ impl Level {
         Self { places, order, blocks, starts, scale }
     }
 
-    /// Fills `best`, of which `found` are found already, with the nearest samples whose squared distance is below what stands
-    /// there, and returns how many are found then.
+    /// Fills `best`, of which `found` are found already, with the nearest samples whose squared distance is below what
+    /// stands there, and returns how many are found then.
     fn search(&self, position: Vec3, normal: Vec3, best: &mut [(u32, f32)], mut found: usize) -> usize {
         let place = position * self.scale;
         let home = place.floor().as_ivec3();

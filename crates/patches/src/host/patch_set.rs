@@ -30,8 +30,8 @@ impl PatchSet {
     /// Puts a set together from its tables and checks them.
     ///
     /// # Errors
-    /// Names the table and entry that is wrong: lengths, areas that are not positive, normals that are not unit vectors,
-    /// members that name no sample, shares that do not sum to 1.
+    /// Names the table and entry that is wrong: lengths, areas that are not positive, normals that are not unit
+    /// vectors, members that name no sample, shares that do not sum to 1.
     pub fn new(
         samples: Vec<Sample>,
         patches: Vec<VirtualPatch>,
@@ -56,11 +56,11 @@ impl PatchSet {
         Ok(Self { samples, patches, offsets, members })
     }
 
-    /// Makes the patches from groups of samples. `members[offsets[i]..offsets[i + 1]]` are the samples of patch i with the
-    /// part of the sample's own area that goes to it (1 when no other patch has it); `voxels[i]` is its voxel.
+    /// Makes the patches from groups of samples. `members[offsets[i]..offsets[i + 1]]` are the samples of patch i with
+    /// the part of the sample's own area that goes to it (1 when no other patch has it); `voxels[i]` is its voxel.
     ///
-    /// With `a = weight · s` of each member [T 5.2]: `A = Σ a`, position, normal and albedo `Σ a x / A` (the normal made a
-    /// unit vector), and the weights become the shares `a / A`.
+    /// With `a = weight · s` of each member [T 5.2]: `A = Σ a`, position, normal and albedo `Σ a x / A` (the normal
+    /// made a unit vector), and the weights become the shares `a / A`.
     ///
     /// # Errors
     /// As [`PatchSet::new`], and a weight that is not positive.
@@ -88,7 +88,7 @@ impl PatchSet {
         self.patches.len()
     }
 
-    /// Whether there are no patches.
+    /// Returns true if there are no patches.
     pub fn is_empty(&self) -> bool {
         self.patches.is_empty()
     }
@@ -104,7 +104,8 @@ impl PatchSet {
         self.samples.iter().map(point).collect()
     }
 
-    /// Area-weighted mean of a quantity over each patch, `Σ w e`, from one value a sample: [`gather_mean`] on all cores.
+    /// Area-weighted mean of a quantity over each patch, `Σ w e`, from one value a sample: [`gather_mean`] on all
+    /// cores.
     ///
     /// # Errors
     /// [`Error::Length`] for a wrong number of values.
@@ -170,7 +171,7 @@ fn check_normal(name: &'static str, index: usize, normal: Vec3) -> Result<(), Er
     Err(Error::Value { name, index, value: f64::from(length), rule: "1 long" })
 }
 
-/// What every set of samples must be.
+/// Checks the invariants of every set of samples.
 pub(super) fn check_samples(samples: &[Sample]) -> Result<(), Error> {
     if samples.len() >= u32::MAX as usize {
         return Err(Error::TooMany { name: "samples", found: samples.len() as u64, limit: u64::from(u32::MAX) - 1 });

@@ -37,13 +37,13 @@ const ORPHAN_SHARE: usize = 3;
 const ORPHAN_ROOM: f64 = 0.2;
 
 /// Differences of normals up to this are none.
-const LEAST_ROTATION: f32 = 0.05;
+const MIN_ROTATION: f32 = 0.05;
 /// Irradiance is rotated by no more than this, however much the normal differs.
-const MOST_ROTATION: f32 = 0.5;
+const MAX_ROTATION: f32 = 0.5;
 /// Smoothed values begin at multiples of this: ranges of a buffer do at 256 bytes.
 const ALIGNED: usize = 64;
 
-/// How receivers are placed.
+/// Placement of receivers.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Placing {
     /// Distance between them in the focus where light is even, m.
@@ -67,7 +67,7 @@ pub type AddRows<'a> = dyn Fn(&mut HitCounts, &mut HitCounts, &[SurfacePoint]) -
 #[derive(Clone)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct MeshReceivers {
-    /// Where irradiance is gathered.
+    /// Points where irradiance is gathered.
     #[cfg_attr(feature = "serde", serde(with = "scene::pod::table"))]
     pub points: Arc<Vec<SurfacePoint>>,
     /// Their rows over the elements, one for each quadrant of a receiver's hemisphere.
@@ -77,12 +77,12 @@ pub struct MeshReceivers {
     /// From the quadrants' values to one smoothed value for each receiver: a linear fit with those
     /// near it that differ by no more than their noise, each rotated to its normal.
     pub smoothing: Arc<PackedWeights>,
-    /// The interpolation points, and the triangles' grids over them. Points that take most from the same receiver follow each
-    /// other.
+    /// The interpolation points, and the triangles' grids over them. Points that take most from the same receiver
+    /// follow each other.
     pub interpolation: Arc<InterpolationMesh>,
     /// From the smoothed values, which stand behind the quadrants' from [`Self::first_smooth`] on, to the value of each
-    /// interpolation point: smoothed values interpolate, and quadrants rotate them to the point's normal. For light that is
-    /// the same everywhere the quadrants add nothing.
+    /// interpolation point: smoothed values interpolate, and quadrants rotate them to the point's normal. For light
+    /// that is the same everywhere the quadrants add nothing.
     pub weights: Arc<PackedWeights>,
 }
 
@@ -106,7 +106,7 @@ impl MeshReceivers {
         })
     }
 
-    /// Where the smoothed values stand among all: after those of the quadrants.
+    /// Index of the first smoothed value: after those of the quadrants.
     pub fn first_smooth(&self) -> usize {
         first_smooth(self.points.len())
     }
@@ -163,7 +163,7 @@ impl MeshReceivers {
     }
 }
 
-/// What all steps of [`MeshReceivers::place`] are given.
+/// Inputs of all steps of [`MeshReceivers::place`].
 struct Placement<'a> {
     scene: &'a Scene,
     sampler: &'a LitSampler<'a>,
@@ -254,8 +254,8 @@ impl<'a> Placement<'a> {
     }
 }
 
-/// Leaves out interpolation points without weights where others of their cell serve, so that no pixel between them turns
-/// dark; gives the weights of those that stay.
+/// Leaves out interpolation points without weights where others of their cell serve, so that no pixel between them
+/// turns dark; gives the weights of those that stay.
 fn served_weights(
     scene: &Scene,
     interpolation: &mut InterpolationMesh,
@@ -275,8 +275,8 @@ fn first_smooth(receivers: usize) -> usize {
     (QUADRANTS * receivers).next_multiple_of(ALIGNED)
 }
 
-/// Puts weights of interpolation points into the order of the receivers that they take most from: what is near in space is near
-/// in memory. Returns the order. Those without weights come last.
+/// Puts weights of interpolation points into the order of the receivers that they take most from: what is near in space
+/// is near in memory. Returns the order. Those without weights come last.
 fn order_by_receivers(weights: &mut Vec<Vec<Entry>>, receivers: usize) -> Vec<u32> {
     let greatest = |row: &Vec<Entry>| {
         let most = row.iter().copied().reduce(|a, b| if b.1 > a.1 { b } else { a });
@@ -303,13 +303,14 @@ fn rotated_weight(samples: &[Sample], normal: Vec3, (receiver, weight): Entry) -
     Weight { receiver, weight, rotation: rotation(samples[receiver as usize].normal, normal) }
 }
 
-/// The difference of two normals, to the right and upwards of the frame of the first; `None` where it is too small to count.
+/// The difference of two normals, to the right and upwards of the frame of the first; `None` where it is too small to
+/// count.
 fn rotation(from: Vec3, to: Vec3) -> Option<Vec2> {
     let difference = to - from;
-    if difference.length() <= LEAST_ROTATION {
+    if difference.length() <= MIN_ROTATION {
         return None;
     }
     let (right, up) = frame(from);
-    let rotation = difference.clamp_length_max(MOST_ROTATION);
+    let rotation = difference.clamp_length_max(MAX_ROTATION);
     Some(Vec2::new(rotation.dot(right), rotation.dot(up)))
 }

@@ -18,13 +18,14 @@ const BATCH: usize = 256;
 /// Points at which the holes of a masked triangle in a voxel are looked for.
 const MASK_POINTS: u32 = 128;
 
-/// How samples get their areas. S_j is the area of triangle j inside the voxel without its holes (by 128 points where it has
-/// a mask), |samples_j| the number of samples there on the same side of it.
+/// Rule for the areas of samples. S_j is the area of triangle j inside the voxel without its holes (by 128 points where
+/// it has a mask), |samples_j| the number of samples there on the same side of it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum AreaRule {
-    /// `s = S_j / |samples_j|`. A triangle that no ray met gives its area to the nearest sample of the voxel with a like
-    /// normal (`n_i·n_j > 0`), on as many sides as the nearest triangle that was met has; where there is none it gets a
-    /// sample of its own on each side. So Σ s is the area of the surface, both sides of a sheet counted when both are seen.
+    /// `s = S_j / |samples_j|`. A triangle that no ray met gives its area to the nearest sample of the voxel with a
+    /// like normal (`n_i·n_j > 0`), on as many sides as the nearest triangle that was met has; where there is none it
+    /// gets a sample of its own on each side. So Σ s is the area of the surface, both sides of a sheet counted when
+    /// both are seen.
     #[default]
     Clipped,
     /// `s = h_u h_v / k · |n·d|` for k rays in direction d from a face of h_u by h_v: as `n_x² + n_y² + n_z² = 1`, Σ s
@@ -37,8 +38,8 @@ pub enum AreaRule {
 pub struct SampleSettings {
     /// Rays from each face of a voxel, at Hammersley's points.
     pub points: u32,
-    /// Surfaces that a ray meets at most. The thesis stops at the first (1), and then the inner sides of two sheets in one
-    /// voxel have no samples.
+    /// Surfaces that a ray meets at most. The thesis stops at the first (1), and then the inner sides of two sheets in
+    /// one voxel have no samples.
     pub layers: u32,
     /// The samples' areas.
     pub rule: AreaRule,
@@ -52,7 +53,7 @@ impl Default for SampleSettings {
     }
 }
 
-/// What happened to the surfaces; areas in m².
+/// Surface statistics; areas in m².
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct SampleReport {
     /// Rays cast.
@@ -76,17 +77,17 @@ pub struct SampleSet {
     pub samples: Vec<Sample>,
     /// First sample of each occupied voxel, `[voxels + 1]`.
     pub offsets: Vec<u32>,
-    /// What happened to the surfaces.
+    /// Surface statistics.
     pub report: SampleReport,
 }
 
-/// Casts rays inwards from the six faces of each occupied voxel and makes samples of what they meet inside it [T 5.3]: the
-/// point, the side that was seen, its area by the rule, and the reflectance from the level of the texture whose texels are
-/// about as large. `keep` refuses sides that take no part, as the insides of solids; it sees samples without area and
-/// albedo. Opposite faces share their lines, so that both sides of a sheet are met alike.
+/// Casts rays inwards from the six faces of each occupied voxel and makes samples of what they meet inside it [T 5.3]:
+/// the point, the side that was seen, its area by the rule, and the reflectance from the level of the texture whose
+/// texels are about as large. `keep` refuses sides that take no part, as the insides of solids; it sees samples without
+/// area and albedo. Opposite faces share their lines, so that both sides of a sheet are met alike.
 ///
-/// Voxels are independent, on all cores; the result is the same for any number of them. Rays: 6 · points · voxels, times
-/// the surfaces met; a triangle that no ray met costs one pass over the voxel's samples.
+/// Voxels are independent, on all cores; the result is the same for any number of them. Rays: 6 · points · voxels,
+/// times the surfaces met; a triangle that no ray met costs one pass over the voxel's samples.
 ///
 /// # Errors
 /// [`Error::Setting`] for 0 points or layers, [`Error::TooMany`] samples, [`Error::NoSamples`].
@@ -183,7 +184,7 @@ struct VoxelSamples {
 struct Met {
     /// Place of the triangle among the voxel's.
     clipped: u32,
-    /// Whether it was seen from behind.
+    /// True if it was seen from behind.
     back: bool,
     kept: bool,
     /// Its area by the projected rule.
@@ -200,7 +201,7 @@ struct Voxel<'a> {
     triangles: &'a [u32],
     /// Area of each inside the voxel, holes left out, m².
     areas: Vec<f32>,
-    /// What its rays have met, triangle by triangle.
+    /// Hits of its rays, triangle by triangle.
     met: Vec<Met>,
     /// Samples of triangles that no ray met, which stay if they are kept.
     forced: Vec<Sample>,
@@ -296,11 +297,12 @@ impl<'a> Voxel<'a> {
         })
     }
 
-    /// What the rays of the six faces meet, in a fixed order.
+    /// Traces the rays of the six faces, in a fixed order.
     fn cast_rays(&mut self, settings: &SampleSettings) -> Vec<Met> {
         let (low, high) = self.grid.voxel_box(self.number);
         let edges = self.grid.shape.edges;
-        // Rays go on a little behind what they met, and start a little outside: a surface in the face itself is met too.
+        // Rays go on a little behind what they met, and start a little outside: a surface in the face itself is met
+        // too.
         let reach = low.abs().max(high.abs()).max_element();
         let mut met = Vec::new();
         for face in 0..6u32 {

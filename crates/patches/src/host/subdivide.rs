@@ -18,15 +18,15 @@ use super::visibility::{SurfacePlace, is_covered, is_visible};
 use crate::error::Error;
 
 /// Most divisions along an edge.
-pub(super) const MOST_DIVISIONS: u32 = 4096;
+pub(super) const MAX_DIVISIONS: u32 = 4096;
 /// Most patches or receivers: the last two indices stand for the sky and for lost hits, and words must count them.
-const MOST_ENTRIES: u64 = 1 << 31;
+const MAX_ENTRIES: u64 = 1 << 31;
 /// Most cells of the grids of all triangles in which patches and receivers are looked up: gigabytes of them.
-const MOST_CELLS: u64 = 1 << 28;
+const MAX_CELLS: u64 = 1 << 28;
 /// Places at which a cell with holes is looked at.
 const MASK_PROBES: u32 = 64;
 
-/// How finely patches are cut.
+/// Size of patches.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum PatchSize {
     /// Patches of at most this area, m².
@@ -38,9 +38,9 @@ pub enum PatchSize {
 /// Settings of [`subdivide`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SubdivideSettings {
-    /// How finely.
+    /// Size of the patches.
     pub size: PatchSize,
-    /// How densely what is cut by count is shared out.
+    /// Density of what is cut by count.
     pub density: Density,
     /// Which sides.
     pub sides: SidePolicy,
@@ -77,7 +77,7 @@ pub(super) fn triangle_area(scene: &Scene, triangle: usize) -> f32 {
 }
 
 fn edge_divisions(ratio: f32) -> u32 {
-    (scene::math::sqrt(ratio) * (1.0 - 1e-6)).ceil().clamp(1.0, MOST_DIVISIONS as f32) as u32
+    (scene::math::sqrt(ratio) * (1.0 - 1e-6)).ceil().clamp(1.0, MAX_DIVISIONS as f32) as u32
 }
 
 pub(super) fn check_positive(name: &'static str, value: f32) -> Result<(), Error> {
@@ -108,7 +108,8 @@ fn total_cells(sides: &[Sides], divisions: &[u32]) -> u64 {
 /// Divisions of every triangle for about `count` patches of like area times [`Density::share`].
 ///
 /// # Errors
-/// [`transport::Error::Setting`] for a count of 0, [`transport::Error::Length`] unless there is one entry of `sides` a triangle.
+/// [`transport::Error::Setting`] for a count of 0, [`transport::Error::Length`] unless there is one entry of `sides` a
+/// triangle.
 pub fn divisions_for_count(scene: &Scene, sides: &[Sides], density: &Density, count: u32) -> Result<Vec<u32>, Error> {
     check_length("sides", scene.geometry.triangles.len(), sides.len())?;
     check_positive("count", count as f32)?;
@@ -130,8 +131,8 @@ pub fn divisions_for_count(scene: &Scene, sides: &[Sides], density: &Density, co
     Ok(if miss(&fine) < miss(&coarse) { fine } else { coarse })
 }
 
-/// Divisions of every triangle that follow an estimate of the light: from patches of `coarse_area` m² on, edges are halved
-/// while the estimate differs by more than `tolerance` between neighbouring grid vertices and patches stay above
+/// Divisions of every triangle that follow an estimate of the light: from patches of `coarse_area` m² on, edges are
+/// halved while the estimate differs by more than `tolerance` between neighbouring grid vertices and patches stay above
 /// `fine_area` m². `estimate` is asked at points a little inside the triangle, on every side that has patches.
 ///
 /// # Errors
@@ -153,7 +154,7 @@ pub fn divisions_for_gradient(
         .map(|t| {
             let mut n = start[t];
             let area = triangle_area(scene, t);
-            while 2 * n <= MOST_DIVISIONS && area / (4 * n * n) as f32 >= fine_area {
+            while 2 * n <= MAX_DIVISIONS && area / (4 * n * n) as f32 >= fine_area {
                 let steep = [(true, sides[t].front), (false, sides[t].back)].iter().any(|&(front, alive)| {
                     alive
                         && largest_step(n, |i, j| estimate(&vertex_point(scene, t as u32, front, n, i, j))) > tolerance
@@ -209,8 +210,8 @@ fn table_start(next: &mut u64, alive: bool, count: u32) -> Result<u32, Error> {
     }
     let start = *next;
     *next += u64::from(count);
-    if *next > MOST_ENTRIES {
-        return Err(transport::Error::TooMany { name: "patches or cells", found: *next, limit: MOST_ENTRIES }.into());
+    if *next > MAX_ENTRIES {
+        return Err(transport::Error::TooMany { name: "patches or cells", found: *next, limit: MAX_ENTRIES }.into());
     }
     Ok(start as u32)
 }
@@ -220,10 +221,10 @@ pub(super) fn check_cells(scene: &Scene, sides: &[Sides], divisions: &[u32]) -> 
     let cells = |k: usize| (u64::from(sides[k].front) + u64::from(sides[k].back)) * u64::from(cell_count(divisions[k]));
     let total: u64 = (0..sides.len()).map(cells).sum();
     match (0..sides.len()).max_by_key(|&k| cells(k)) {
-        Some(longest) if total > MOST_CELLS => {
+        Some(longest) if total > MAX_CELLS => {
             let length = scene.longest_edge(longest as u32);
             let triangle = scene.geometry.triangles[longest].source;
-            Err(Error::LongTriangle { triangle, length, cells: total, limit: MOST_CELLS })
+            Err(Error::LongTriangle { triangle, length, cells: total, limit: MAX_CELLS })
         }
         _ => Ok(()),
     }
@@ -237,7 +238,7 @@ pub(super) fn number_entries(
     let mut next = 0;
     let mut grids = Vec::with_capacity(sides.len());
     for (index, (side, &divisions)) in sides.iter().zip(divisions).enumerate() {
-        if divisions == 0 || divisions > MOST_DIVISIONS {
+        if divisions == 0 || divisions > MAX_DIVISIONS {
             let value = f64::from(divisions);
             return Err(transport::Error::Value { name: "divisions", index, value, rule: "in 1..=4096" }.into());
         }
@@ -251,7 +252,8 @@ pub(super) fn number_entries(
 /// Numbers the cells of all triangles, `divisions²` on each of their sides.
 ///
 /// # Errors
-/// [`transport::Error::Value`] for divisions outside 1..=4096, [`transport::Error::Length`], [`transport::Error::TooMany`].
+/// [`transport::Error::Value`] for divisions outside 1..=4096, [`transport::Error::Length`],
+/// [`transport::Error::TooMany`].
 pub fn cell_grids(sides: &[Sides], divisions: &[u32]) -> Result<Vec<TriangleGrid>, Error> {
     check_length("divisions", sides.len(), divisions.len())?;
     number_entries(sides, divisions, cell_count)
@@ -264,12 +266,13 @@ struct Cell {
 }
 
 impl Subdivision {
-    /// Cuts each triangle into `divisions²` patches on each of its sides. A patch with holes counts only what is solid as
-    /// its area.
+    /// Cuts each triangle into `divisions²` patches on each of its sides. A patch with holes counts only what is solid
+    /// as its area.
     ///
     /// # Errors
-    /// [`transport::Error::Length`] unless there is one entry of `sides` and `divisions` a triangle, [`transport::Error::Value`] for divisions
-    /// outside 1..=4096, [`transport::Error::Setting`] for no points, [`transport::Error::TooMany`].
+    /// [`transport::Error::Length`] unless there is one entry of `sides` and `divisions` a triangle,
+    /// [`transport::Error::Value`] for divisions outside 1..=4096, [`transport::Error::Setting`] for no points,
+    /// [`transport::Error::TooMany`].
     pub fn new(scene: &Scene, sides: &[Sides], divisions: &[u32], points: u32, seed: u32) -> Result<Self, Error> {
         check_length("sides", scene.geometry.triangles.len(), sides.len())?;
         check_length("divisions", scene.geometry.triangles.len(), divisions.len())?;
@@ -306,8 +309,8 @@ impl Subdivision {
             out.corners.push(cell.corners);
             out.points.extend(cell.points);
             let found = out.points.len() as u64;
-            if found > MOST_ENTRIES {
-                return Err(transport::Error::TooMany { name: "points of patches", found, limit: MOST_ENTRIES }.into());
+            if found > MAX_ENTRIES {
+                return Err(transport::Error::TooMany { name: "points of patches", found, limit: MAX_ENTRIES }.into());
             }
             out.offsets.push(found as u32);
         }
@@ -317,8 +320,8 @@ impl Subdivision {
     /// Leaves out what lies inside of solids: sample points to which no light comes give way to those of the same patch
     /// that are open, and the patch's area shrinks in proportion. A patch wholly inside keeps a trace of area.
     ///
-    /// In a dark room random walks from many an open point come to no light. So a point is open, too, that sees an open one
-    /// of its patch and is not covered.
+    /// In a dark room random walks from many an open point come to no light. So a point is open, too, that sees an open
+    /// one of its patch and is not covered.
     pub fn clear_buried(&mut self, scene: &Scene, seed: u32) {
         let mut open: Vec<bool> = (self.points.par_iter().enumerate())
             .map(|(k, point)| is_open(scene, point, POINT_WALKS, hash3(k as u32, 0x6f70_656e, seed)))

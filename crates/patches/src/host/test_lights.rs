@@ -19,16 +19,16 @@ use crate::error::Error;
 pub const LIGHT_VECTORS: usize = 3;
 /// Those of them that come from elements; the last comes from the sky.
 const ELEMENT_VECTORS: usize = 2;
-/// Values under all test lights, in grey: the scene's own lights and suns 0 and 1; suns 2 and 3 and light that is the same
-/// everywhere; straight from the sky, the scene's own and an even one.
+/// Values under all test lights, in grey: the scene's own lights and suns 0 and 1; suns 2 and 3 and light that is the
+/// same everywhere; straight from the sky, the scene's own and an even one.
 pub type Lights = [Vec4; LIGHT_VECTORS];
 
 /// Exitance of elements and of the sky under the test lights.
 #[derive(Clone, Debug)]
 pub struct TestLights {
-    /// Of the elements.
+    /// Test lights of the elements.
     pub elements: Vec<Lights>,
-    /// Of the sky's bins, the last vector; all 0 in a scene without a sky.
+    /// Test lights of the sky's bins, the last vector; all 0 in a scene without a sky.
     pub sky: Vec<Vec4>,
 }
 
@@ -51,8 +51,8 @@ pub(super) struct Estimates {
 }
 
 impl Estimates {
-    /// Of receivers that have `rays` rays each, and a row over the elements and one over the sky's bins for each hemisphere
-    /// quadrant.
+    /// Light of receivers that have `rays` rays each, and a row over the elements and one over the sky's bins for each
+    /// hemisphere quadrant.
     pub fn new(rows: &HitCounts, sky_rows: &HitCounts, exitance: &TestLights, rays: u32) -> Result<Self, Error> {
         let squared = TestLights {
             elements: exitance.elements.iter().map(|b| b.map(|v| v * v)).collect(),
@@ -79,7 +79,7 @@ fn scale_sky(light: &mut [Lights], variance: &mut [Lights]) {
     variance.iter_mut().for_each(|lights| lights[ELEMENT_VECTORS] *= scale * scale);
 }
 
-/// What receivers gather, the sum over their quadrants.
+/// Irradiance of receivers, the sum over their quadrants.
 fn gather(rows: &HitCounts, sky_rows: &HitCounts, exitance: &TestLights) -> Result<Vec<Lights>, Error> {
     let row_count = LinearOperator::rows(rows);
     let mut gathered = vec![[Vec4::ZERO; LIGHT_VECTORS]; row_count / QUADRANTS];

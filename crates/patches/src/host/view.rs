@@ -1,5 +1,6 @@
 //! Patches by what samples see: all samples of the scene in one set, split top-down where position, normal, openness,
-//! albedo and light vary most. No voxel limits a patch, and a bright hidden surface never shares one with a dim visible one.
+//! albedo and light vary most. No voxel limits a patch, and a bright hidden surface never shares one with a dim visible
+//! one.
 
 use alloc::collections::BinaryHeap;
 use alloc::vec;
@@ -27,7 +28,7 @@ const OPENNESS: f32 = 8.0;
 const ALBEDO: f32 = 3.0;
 /// Weight of the logarithm of the irradiance.
 const LIGHT: f32 = 4.0;
-/// The same for each of the other suns.
+/// Threshold for each of the other suns.
 const OTHER_LIGHT: f32 = 1.5;
 /// Irradiance below this share of the mean counts as none.
 const DARK: f32 = 0.02;
@@ -36,8 +37,8 @@ const OTHER_SUNS: u32 = 6;
 /// Position, normal, openness at two distances, sky, albedo, the scene's own light.
 const OWN_FEATURES: usize = 11;
 const FEATURES: usize = OWN_FEATURES + OTHER_SUNS as usize;
-/// Weight of whether a sample is cut off from the middle of its cluster, as by a wall on their floor: light of either side
-/// is another.
+/// Weight of whether a sample is cut off from the middle of its cluster, as by a wall on their floor: light of either
+/// side is another.
 const HIDDEN: f64 = 8.0;
 /// Clusters of at most so many samples for each of a patch are asked.
 const ASKED: usize = 2;
@@ -77,13 +78,13 @@ pub struct ViewClusters {
 }
 
 /// Makes patches of like samples: samples as dense as the sampler's are, of both sides of all triangles, without those
-/// inside of solids or that see no geometry; then the cluster with the greatest product of samples and variance is split at
-/// the mean of the feature that varies most, until there are enough. Going on in the same way cuts each patch into elements, over which light may be
-/// gathered more finely than patches send it. O(S log S) for S samples.
+/// inside of solids or that see no geometry; then the cluster with the greatest product of samples and variance is
+/// split at the mean of the feature that varies most, until there are enough. Going on in the same way cuts each patch
+/// into elements, over which light may be gathered more finely than patches send it. O(S log S) for S samples.
 ///
-/// Features: position in typical patch edges (weight 1), normal (1), the shares of 16 cosine-weighted rays that are free
-/// for a half and for two patch edges and that reach the sky (8), the luminance of the albedo (3), the logarithm of the
-/// irradiance from the scene's lights (4) and, where a sun may stand elsewhere later, from six other suns (1.5).
+/// Features: position in typical patch edges (weight 1), normal (1), the shares of 16 cosine-weighted rays that are
+/// free for a half and for two patch edges and that reach the sky (8), the luminance of the albedo (3), the logarithm
+/// of the irradiance from the scene's lights (4) and, where a sun may stand elsewhere later, from six other suns (1.5).
 ///
 /// # Errors
 /// [`Error::Setting`] for no patches or samples, [`Error::NoSamples`], [`Error::TooMany`].
@@ -208,7 +209,7 @@ fn put_logarithm(features: &mut [Features], feature: usize, irradiance: Vec<f32>
     }
 }
 
-/// What is split.
+/// Set that is to be split.
 struct Set<'a> {
     scene: &'a Scene,
     samples: &'a [Sample],
@@ -227,7 +228,7 @@ struct Node {
     /// At which feature it is split best; none where those samples that are cut off are split from the rest.
     feature: Option<usize>,
     mean: f32,
-    /// Whether each of its samples is cut off from its middle; empty where they were not asked.
+    /// Mark of each sample that is cut off from the middle; empty where they were not asked.
     hidden: Vec<bool>,
 }
 
@@ -259,7 +260,7 @@ impl Set<'_> {
         }
     }
 
-    /// Whether each of some samples is cut off from that in their middle: it sees neither that nor any that is not cut off.
+    /// Marks samples that are cut off from the one in their middle: they see neither that nor any that is not cut off.
     fn hidden(&self, own: &[u32]) -> Vec<bool> {
         let sample = |k: u32| &self.samples[k as usize];
         let mean = own.iter().map(|&k| sample(k).position).sum::<Vec3>() / own.len() as f32;

@@ -1,4 +1,4 @@
-//! Whether points of a surface see each other.
+//! Mutual visibility of points on a surface.
 
 use glam::Vec3;
 use scene::{Ray, Scene, SurfacePoint, Visibility};
@@ -11,8 +11,8 @@ const LIFT: f32 = 0.1;
 /// of an arc over its chord.
 const ARC: f32 = 0.25;
 
-/// Height up to which a surface over a place covers it, in edges between samples: samples that far from each other do not
-/// know how light falls off in so narrow a gap.
+/// Height up to which a surface over a place covers it, in edges between samples: samples that far from each other do
+/// not know how light falls off in so narrow a gap.
 const COVER: f32 = 0.25;
 
 /// A position on a surface, and the side that it is on.
@@ -36,24 +36,24 @@ impl From<&SurfacePoint> for SurfacePlace {
     }
 }
 
-/// Whether a surface lies close over a place of one with samples every `edge` m, as a poster over its wall.
+/// Returns true if a surface lies close over a place of one with samples every `edge` m, as a poster over its wall.
 pub fn is_covered(scene: &Scene, place: SurfacePlace, edge: f32) -> bool {
     has_cover(scene, place, COVER * edge)
 }
 
-/// Whether a surface lies over a place up to a height, m.
+/// Returns true if a surface lies over a place up to a height, m.
 fn has_cover(scene: &Scene, place: SurfacePlace, height: f32) -> bool {
     let above = |height: f32| place.position + place.normal * (scene.geometry.ray_offset + height);
     scene.any_hit(above(0.0), above(height))
 }
 
-/// Whether a place of a surface with samples every `edge` m lies in a gap that is narrower than [`is_visible`] lifts it, as
-/// behind a cupboard at its wall: it would look from beyond the wall.
+/// Returns true if a place of a surface with samples every `edge` m lies in a gap that is narrower than [`is_visible`]
+/// lifts it, as behind a cupboard at its wall: it would look from beyond the wall.
 pub fn is_in_gap(scene: &Scene, place: SurfacePlace, edge: f32) -> bool {
     has_cover(scene, place, LIFT * edge)
 }
 
-/// Whether nothing stands between two places of a surface with samples every `edge` m.
+/// Returns true if nothing stands between two places of a surface with samples every `edge` m.
 pub fn is_visible(scene: &Scene, from: SurfacePlace, to: SurfacePlace, edge: f32) -> bool {
     let Ray { origin, direction, t_max, .. } = sight(scene, from, to, edge);
     !scene.occluded(origin, direction, t_max)

@@ -30,7 +30,7 @@ const GRAZING: f32 = 1e-3;
 /// Normals of a probe's receivers, in their order.
 const NORMALS: [Vec3; CUBE_SIDES as usize] = [Vec3::X, Vec3::NEG_X, Vec3::Y, Vec3::NEG_Y, Vec3::Z, Vec3::NEG_Z];
 
-/// How fine a volume is.
+/// Resolution of a volume.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum VolumeSize {
     /// Longest edge of the voxels, m; they fill the bounds exactly, so edges may be shorter and differ between axes.
@@ -42,9 +42,9 @@ pub enum VolumeSize {
 /// Settings of [`VoxelVolume::new`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct VolumeSettings {
-    /// How fine the volume is.
+    /// Resolution of the volume.
     pub size: VolumeSize,
-    /// Whether probes that a point does not see do not count for it.
+    /// True if probes that a point does not see do not count for it.
     pub walls: bool,
 }
 
@@ -54,33 +54,33 @@ impl Default for VolumeSettings {
     }
 }
 
-/// A regular grid of probes over a scene's bounds, one in the middle of each voxel, each with six receivers: the normals
-/// +x, −x, +y, −y, +z, −z. Irradiance at the receivers, in their order, is a volume of ambient cubes: `cubes[6 i + side]`
-/// belongs to probe i. [`VoxelVolume::at`] interpolates them; [`VoxelVolume::harmonics`] converts them to spherical
-/// harmonics of degree 1.
+/// A regular grid of probes over a scene's bounds, one in the middle of each voxel, each with six receivers: the
+/// normals +x, −x, +y, −y, +z, −z. Irradiance at the receivers, in their order, is a volume of ambient cubes: `cubes[6
+/// i + side]` belongs to probe i. [`VoxelVolume::at`] interpolates them; [`VoxelVolume::harmonics`] converts them to
+/// spherical harmonics of degree 1.
 ///
-/// A probe that touches a surface, or to none of whose sides light comes, is left out and takes no part. A point does not
-/// take light from probes that it does not see, judged by the planes of the surfaces that rays from each probe to the 26
-/// voxels round it met ([`crate::kernel::volume`]): walls without thickness along the grid keep rooms separate
-/// wherever each room sees probes; of walls across the grid, corners that no ray comes near to may take light
-/// from outside (0.2 % of places in tests). A closed space smaller than the voxels has no probe, and takes the light
-/// of the nearest.
+/// A probe that touches a surface, or to none of whose sides light comes, is left out and takes no part. A point does
+/// not take light from probes that it does not see, judged by the planes of the surfaces that rays from each probe to
+/// the 26 voxels round it met ([`crate::kernel::volume`]): walls without thickness along the grid keep rooms separate
+/// wherever each room sees probes; of walls across the grid, corners that no ray comes near to may take light from
+/// outside (0.2 % of places in tests). A closed space smaller than the voxels has no probe, and takes the light of the
+/// nearest.
 #[derive(Clone, Debug, PartialEq)]
 pub struct VoxelVolume {
     /// Grid and settings.
     pub params: VolumeParams,
     /// One word a voxel: the number of its probe, or [`crate::types::EMPTY_CELL`] with that of the nearest one.
     pub probes: Vec<u32>,
-    /// For each probe and direction, g with `g·q = 1` on the plane of what the ray met, q in voxels from the probe on; 0
-    /// where it met nothing. `[81 · probes]`.
+    /// For each probe and direction, g with `g·q = 1` on the plane of what the ray met, q in voxels from the probe on;
+    /// 0 where it met nothing. `[81 · probes]`.
     pub planes: Vec<f32>,
     points: Vec<SurfacePoint>,
 }
 
 impl VoxelVolume {
     /// Places the probes and casts 26 rays from each. `is_lit` says whether light comes to a receiver, as
-    /// [`scene::is_open`] does by random walks; a probe with none that is lit stands inside of a solid and is left out. On
-    /// all cores, the same bytes for any number of them.
+    /// [`scene::is_open`] does by random walks; a probe with none that is lit stands inside of a solid and is left out.
+    /// On all cores, the same bytes for any number of them.
     ///
     /// # Errors
     /// [`Error::Setting`] for an edge or count that is not positive, [`Error::TooMany`] beyond [`PROBE_LIMIT`] voxels,
@@ -124,7 +124,7 @@ impl VoxelVolume {
         self.points.len() / CUBE_SIDES as usize
     }
 
-    /// Whether there are none; [`VoxelVolume::new`] makes no such volume.
+    /// Returns true if there are none; [`VoxelVolume::new`] makes no such volume.
     pub fn is_empty(&self) -> bool {
         self.points.is_empty()
     }
@@ -149,8 +149,8 @@ impl VoxelVolume {
         Ok(points.par_iter().map(value).collect())
     }
 
-    /// Spherical harmonics of degree 1 of the radiance at each probe, W/m²/sr, from the ambient cubes: L_00, L_1x, L_1y,
-    /// L_1z, `[4 · probes]`; [`cube_to_harmonic`] gives the convention.
+    /// Spherical harmonics of degree 1 of the radiance at each probe, W/m²/sr, from the ambient cubes: L_00, L_1x,
+    /// L_1y, L_1z, `[4 · probes]`; [`cube_to_harmonic`] gives the convention.
     ///
     /// # Errors
     /// [`Error::Length`] unless there is one value a receiver.
@@ -246,7 +246,7 @@ fn receivers(position: Vec3, probe: u32) -> [SurfacePoint; CUBE_SIDES as usize] 
     })
 }
 
-/// Whether no surface touches a place.
+/// Returns true if no surface touches a place.
 fn has_clearance(scene: &Scene, place: Vec3) -> bool {
     let reach = CLEARANCE * scene.geometry.ray_offset;
     [Vec3::X, Vec3::Y, Vec3::Z].iter().all(|&axis| !scene.occluded(place - axis * reach, axis, 2.0 * reach))

@@ -8,13 +8,13 @@ use transport::{QUADRANTS, check_length};
 
 use crate::error::Error;
 use crate::kernel::weights::{
-    LISTED_BITS, MOST_LISTED, ROTATED_BITS, ROTATION_BIAS, ROTATION_STEPS, WEIGHT_BIAS, WEIGHT_STEPS, first_of,
+    LISTED_BITS, MAX_LISTED, ROTATED_BITS, ROTATION_BIAS, ROTATION_STEPS, WEIGHT_BIAS, WEIGHT_STEPS, first_of,
     first_rotated, half_word, listed, rotation_of, weight_of, weighted_row,
 };
 use crate::types::WeightParams;
 
 /// Most rows of a block.
-const MOST_BLOCK_ROWS: usize = 16;
+const MAX_BLOCK_ROWS: usize = 16;
 /// Rows that are packed together on all cores.
 const ROWS_TOGETHER: usize = 1 << 16;
 
@@ -25,13 +25,14 @@ pub struct Weight {
     pub receiver: u32,
     /// Its weight, between −2 and 2.
     pub weight: f32,
-    /// By how much its normal differs, to the right and upwards of its frame, each at most 1/2; `None` where it does not.
+    /// By how much its normal differs, to the right and upwards of its frame, each at most 1/2; `None` where it does
+    /// not.
     pub rotation: Option<Vec2>,
 }
 
-/// Rows of weights of receivers near each other, about three bytes a weight: each row is a weighted mean of their values and of
-/// their rotated irradiance ([`crate::kernel::weights::weighted_row`]). Weights are rounded to steps of 1/128 so that their sum
-/// is that of the row, to half a step; light that is the same everywhere stays so.
+/// Rows of weights of receivers near each other, about three bytes a weight: each row is a weighted mean of their
+/// values and of their rotated irradiance ([`crate::kernel::weights::weighted_row`]). Weights are rounded to steps of
+/// 1/128 so that their sum is that of the row, to half a step; light that is the same everywhere stays so.
 #[derive(Clone, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct PackedWeights {
@@ -47,16 +48,17 @@ pub struct PackedWeights {
 }
 
 impl PackedWeights {
-    /// `rows` rows, of which `row` makes each, on all cores. Rows that follow each other should name the same receivers.
+    /// `rows` rows, of which `row` makes each, on all cores. Rows that follow each other should name the same
+    /// receivers.
     ///
     /// # Errors
-    /// [`Error::TooMany`] for a row of more than 128 weights or of more than 31 rotations, and beyond 2²⁷ numbers of 16 bits;
-    /// [`Error::Value`] for a weight that is out of its range.
+    /// [`Error::TooMany`] for a row of more than 128 weights or of more than 31 rotations, and beyond 2²⁷ numbers of 16
+    /// bits; [`Error::Value`] for a weight that is out of its range.
     pub fn new(rows: usize, row: impl Fn(usize) -> Vec<Weight> + Sync) -> Result<Self, Error> {
         let longest = (0..rows).into_par_iter().map(|k| row(k).len()).max().unwrap_or(0);
-        check_most("weights of a row", longest as u64, u64::from(MOST_LISTED))?;
-        let mut block_rows = MOST_BLOCK_ROWS;
-        while block_rows * longest > MOST_LISTED as usize {
+        check_most("weights of a row", longest as u64, u64::from(MAX_LISTED))?;
+        let mut block_rows = MAX_BLOCK_ROWS;
+        while block_rows * longest > MAX_LISTED as usize {
             block_rows /= 2;
         }
         let mut packed = Self { block_rows: block_rows as u32, ..Self::default() };
@@ -159,8 +161,8 @@ impl PackedWeights {
             as u64
     }
 
-    /// The product with values, on all cores: `out[k]` is [`weighted_row`] of row k, `[rows]`. Values of receivers begin at
-    /// `first_value` and are the sum of `parts` numbers each; the quadrants' come first.
+    /// The product with values, on all cores: `out[k]` is [`weighted_row`] of row k, `[rows]`. Values of receivers
+    /// begin at `first_value` and are the sum of `parts` numbers each; the quadrants' come first.
     ///
     /// # Errors
     /// [`transport::Error::Length`] for another number of results, or for fewer values than the rows name.
@@ -256,8 +258,8 @@ fn rotation_code(rotation: f32) -> u16 {
     (steps as i32 + ROTATION_BIAS as i32) as u16
 }
 
-/// Weights in whole steps whose sum is that of the weights, rounded: the weights that are furthest below are rounded up. Those
-/// of no step are left out.
+/// Weights in whole steps whose sum is that of the weights, rounded: the weights that are furthest below are rounded
+/// up. Those of no step are left out.
 fn rounded(row: Vec<Weight>) -> Vec<(Weight, i32)> {
     let exact = |weight: &Weight| weight.weight * WEIGHT_STEPS as f32;
     let total = scene::math::floor(row.iter().map(exact).sum::<f32>() + 0.5) as i32;

@@ -4,8 +4,8 @@ use glam::Vec4;
 
 use crate::types::Member;
 
-/// Area-weighted mean of a quantity over the samples of patch `i`: `Σ w e / Σ w` with the members' weights, which sum to
-/// 1, as for the first exitance `E_i = Σ w e`.
+/// Area-weighted mean of a quantity over the samples of patch `i`: `Σ w e / Σ w` with the members' weights, which sum
+/// to 1, as for the first exitance `E_i = Σ w e`.
 ///
 /// Shapes: `offsets[n + 1]`, `members[offsets[n]]`, `values` one a sample. Needs `i < n`.
 #[inline]

@@ -6,8 +6,8 @@ use scene::math::floor;
 
 use crate::types::LightmapParams;
 
-/// Irradiance at a texture coordinate of a lightmap, W/m²: bilinear between the middles of the four texels round it, those
-/// that belong to no receiver left out and the weights renormalised; zero where there are none.
+/// Irradiance at a texture coordinate of a lightmap, W/m²: bilinear between the middles of the four texels round it,
+/// those that belong to no receiver left out and the weights renormalised; zero where there are none.
 ///
 /// Shapes: `texels[width · height]`, the receiver of each or [`NONE`]; `values` one a receiver; `uv` in [0, 1]².
 #[inline]

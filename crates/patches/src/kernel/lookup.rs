@@ -5,8 +5,8 @@ use scene::math::{abs, floor};
 
 use crate::types::{EMPTY_CELL, LookupParams, LookupPatch, RULE_WALLS};
 
-/// Weight of a patch that faces the point but lies off its plane or behind a wall, against one that does not: such patches
-/// count only where there are no others.
+/// Weight of a patch that faces the point but lies off its plane or behind a wall, against one that does not: such
+/// patches count only where there are no others.
 const HIDDEN: f32 = 1e-6;
 /// Weight of a patch that looks away, likewise.
 const FACING_AWAY: f32 = 1e-12;
@@ -19,11 +19,11 @@ const WALL_DEPTH: f32 = 1e-4;
 /// shifted by half a voxel along n [T 5.3], so that the voxel that holds x is always one of them.
 ///
 /// `w = trilinear · max(0, n·n_j)² · (1 − (d/limit)²)²` with `d = |(c_j − x)·n|`, the distance of the patch from the
-/// point's plane in voxels, so that floors above and below do not count. With [`RULE_WALLS`], neither do patches behind a patch
-/// that stands across (`|n·n_w| < ½`), has x in front of it, and lies in the voxel of x or of the patch. Both, and patches
-/// that look away, keep 10⁻⁶ and 10⁻¹² of the weight, so that they count where there is nothing else; where all eight
-/// voxels are empty the patches of the nearest voxel are taken. As the weights sum to 1 after the division, a constant in
-/// gives the same constant out.
+/// point's plane in voxels, so that floors above and below do not count. With [`RULE_WALLS`], neither do patches behind
+/// a patch that stands across (`|n·n_w| < ½`), has x in front of it, and lies in the voxel of x or of the patch. Both,
+/// and patches that look away, keep 10⁻⁶ and 10⁻¹² of the weight, so that they count where there is nothing else; where
+/// all eight voxels are empty the patches of the nearest voxel are taken. As the weights sum to 1 after the division, a
+/// constant in gives the same constant out.
 ///
 /// Shapes: `cells` one word a voxel, the place of its patches or [`EMPTY_CELL`] with the place of the nearest ones;
 /// `offsets` one a voxel with patches and one more; `entries[offsets.last()]`; `values` one a patch. Needs at least one
@@ -113,7 +113,7 @@ fn plane_visibility(p: &LookupParams, entry: &LookupPatch, x: Vec3, n: Vec3) -> 
     if n.dot(entry.direction) > 0.0 { near * near } else { 0.0 }
 }
 
-/// Whether a patch of the voxel in place `cell` stands between x and the entry.
+/// Returns true if a patch of the voxel in place `cell` stands between x and the entry.
 #[inline]
 fn is_behind_wall(
     p: &LookupParams,

@@ -30,22 +30,22 @@ const A1: f32 = 2.0 * PI / 3.0;
 const FADE: f32 = 0.25;
 /// to this part, which a point on the plane still has: it may stand in the corner of a room.
 const NEAR_WALL: f32 = 0.05;
-/// What lies no further behind a plane, in ways to it, is on it.
+/// Tolerance within which a point counts as on a plane, relative to its distance.
 const ROUNDING: f32 = 1e-5;
 /// Weight of a hidden probe that is in front of all planes of its quadrant; else times the fourth power of their share.
 const HIDDEN: f32 = 1e-12;
 /// Weight of any probe, so that there is always a mean.
-const LEAST: f32 = 1e-18;
+const MIN: f32 = 1e-18;
 /// Eight hidden probes weigh no more.
 const NOTHING_SEEN: f32 = 1e-11;
 
 /// Irradiance at a point `x` with unit normal `n`, W/m², from ambient cubes: the mean of
 /// `E(n) = Σ_a n_a² cube[a, sign n_a]` over the eight probes round x, trilinear, without those that x does not see.
 ///
-/// The squares sum to 1, so equal sides give that value for every n (McTaggart 2004, "Half-Life 2 / Valve Source Shading").
-/// Which probes count: see [`probe_weight`]; where x sees none of the eight, the 64 round it are taken. As weights sum to 1
-/// after the division, a constant in gives the same constant out; where all eight probes count fully, a field that is
-/// linear in space is reproduced.
+/// The squares sum to 1, so equal sides give that value for every n (McTaggart 2004, "Half-Life 2 / Valve Source
+/// Shading"). Which probes count: see [`probe_weight`]; where x sees none of the eight, the 64 round it are taken. As
+/// weights sum to 1 after the division, a constant in gives the same constant out; where all eight probes count fully,
+/// a field that is linear in space is reproduced.
 ///
 /// Shapes: `probes` one word a voxel, the number of its probe or [`EMPTY_CELL`] with that of the nearest one;
 /// `planes[81 · probes]`; `cubes[6 · probes]` in the order of the receivers. Needs at least one probe.
@@ -89,8 +89,8 @@ pub fn volume_lookup_sh(
 /// Coefficient `k` of the radiance at a probe, W/m²/sr, from its ambient cube: `L_00 = (Σ E) / (6 A_0 Y_00)`,
 /// `L_1a = (E_+a − E_−a) / (2 A_1 √(3/4π))`.
 ///
-/// The cosine lobe has no other odd part than that of degree 1, so the L_1a are exact; and the six directions know nothing
-/// of degree 2, so L_00 is wrong by parts of degree 4 and more only.
+/// The cosine lobe has no other odd part than that of degree 1, so the L_1a are exact; and the six directions know
+/// nothing of degree 2, so L_00 is wrong by parts of degree 4 and more only.
 #[inline]
 pub fn cube_to_harmonic(cubes: &[Vec4], probe: u32, k: u32) -> Vec4 {
     let first = (probe * CUBE_SIDES) as usize;
@@ -164,21 +164,22 @@ fn probe_at(p: &VolumeParams, probes: &[u32], counts: Vec3, c: Vec3) -> u32 {
     probes[p.shape.voxel_at(UVec3::new(c.x as u32, c.y as u32, c.z as u32)) as usize]
 }
 
-/// Weight of a probe for a point that looks from `q`, in voxels from the probe on, with the trilinear weight `trilinear`.
+/// Weight of a probe for a point that looks from `q`, in voxels from the probe on, with the trilinear weight
+/// `trilinear`.
 ///
-/// Rays to the 26 voxels round the probe met surfaces; `g·q = 1` on the plane of each. The four of the quadrant of the cube
-/// in which q lies decide: with `s = max g·q`, the way to the nearest of the planes, the weight is
-/// `trilinear · clamp((1 − s)/¼, 0.05, 1)`, and nothing behind any of them. In a convex room these planes are the walls,
-/// whatever their direction; where a surface ends within the quadrant its plane hides a little too much. What is smaller
-/// than the distance between the rays may be missed. So that there is always a mean, a
-/// hidden probe keeps 10⁻¹² times the fourth power of the share of the planes that it has q in front of.
+/// Rays to the 26 voxels round the probe met surfaces; `g·q = 1` on the plane of each. The four of the quadrant of the
+/// cube in which q lies decide: with `s = max g·q`, the way to the nearest of the planes, the weight is `trilinear ·
+/// clamp((1 − s)/¼, 0.05, 1)`, and nothing behind any of them. In a convex room these planes are the walls, whatever
+/// their direction; where a surface ends within the quadrant its plane hides a little too much. What is smaller than
+/// the distance between the rays may be missed. So that there is always a mean, a hidden probe keeps 10⁻¹² times the
+/// fourth power of the share of the planes that it has q in front of.
 ///
 /// Shapes: `planes[81 · probes]`, g of each direction as x, y, z. Needs `probe` below the number of probes.
 #[inline]
 pub fn probe_weight(p: &VolumeParams, planes: &[f32], probe: u32, q: Vec3, trilinear: f32) -> f32 {
     let any = trilinear + 1e-3;
     if p.walls == 0 {
-        return trilinear + LEAST * any;
+        return trilinear + MIN * any;
     }
     let (x, y, z) = (abs(q.x), abs(q.y), abs(q.z));
     let toward_x = if q.x < 0.0 { 12 } else { 14 };
@@ -229,7 +230,7 @@ pub fn probe_weight(p: &VolumeParams, planes: &[f32], probe: u32, q: Vec3, trili
         + in_front(c) * (1.0 - u) * v
         + in_front(d) * u * v;
     let square = share * share;
-    trilinear * seen + (HIDDEN * square * square + LEAST) * any
+    trilinear * seen + (HIDDEN * square * square + MIN) * any
 }
 
 #[inline]

@@ -1,8 +1,8 @@
 //! Weighted means of receivers near each other, as packed rows.
 //!
-//! Rows of a block take from the same few receivers, which the block lists; an entry of 16 bits names one of the list and a
-//! weight in steps of 1/128. Where the normal of the row differs from that of a receiver, a second number of 16 bits says how
-//! the receiver's irradiance is rotated.
+//! Rows of a block take from the same few receivers, which the block lists; an entry of 16 bits names one of the list
+//! and a weight in steps of 1/128. Where the normal of the row differs from that of a receiver, a second number of 16
+//! bits says how the receiver's irradiance is rotated.
 
 use glam::Vec4;
 use transport::kernel::view::mark;
@@ -12,7 +12,7 @@ use crate::types::WeightParams;
 /// Bits of an entry that name a receiver of the block's list.
 pub const LISTED_BITS: u32 = 7;
 /// Receivers of a list at most.
-pub const MOST_LISTED: u32 = 1 << LISTED_BITS;
+pub const MAX_LISTED: u32 = 1 << LISTED_BITS;
 /// Steps of a weight of 1.
 pub const WEIGHT_STEPS: u32 = 128;
 /// A weight of 0, in steps: those that are stored are not negative.
@@ -45,7 +45,7 @@ pub fn first_rotated(start: u32, end: u32) -> u32 {
 /// Which of the list an entry names.
 #[inline]
 pub fn listed(entry: u32) -> u32 {
-    entry & (MOST_LISTED - 1)
+    entry & (MAX_LISTED - 1)
 }
 
 /// Weight of an entry.
@@ -61,13 +61,13 @@ pub fn rotation_of(packed: u32) -> (f32, f32) {
     (part(packed & 0xff), part(packed >> 8))
 }
 
-/// Value `k` of a product with packed rows: `Σ_j w_j (h_j + Σ_q H_jq t_q·Δn_j)` with the values h of the receivers and their
-/// irradiance H from each hemisphere quadrant, W/m² ([`transport::rotational_gradients`] has t).
+/// Value `k` of a product with packed rows: `Σ_j w_j (h_j + Σ_q H_jq t_q·Δn_j)` with the values h of the receivers and
+/// their irradiance H from each hemisphere quadrant, W/m² ([`transport::rotational_gradients`] has t).
 ///
 /// Shapes: `row_start[rows + 1]`, first number of a row and how many of its entries are rotated ([`ROTATED_BITS`]);
-/// `list_start`, first of the list of each block of `p.block_rows` rows; `lists`, numbers of receivers; `entries`, two numbers
-/// of 16 bits a word; `values`, first the four quadrants of each receiver, and from `p.first_value` on the values h: each is the
-/// sum of `p.parts` numbers. Needs `k < rows`.
+/// `list_start`, first of the list of each block of `p.block_rows` rows; `lists`, numbers of receivers; `entries`, two
+/// numbers of 16 bits a word; `values`, first the four quadrants of each receiver, and from `p.first_value` on the
+/// values h: each is the sum of `p.parts` numbers. Needs `k < rows`.
 #[inline]
 pub fn weighted_row(
     k: u32,
@@ -97,8 +97,8 @@ pub fn weighted_row(
     sum
 }
 
-/// Marks the values that row `k` takes from for a view ([`transport::kernel::view`]). Shapes: as in [`weighted_row`], `marks` one
-/// a value. Needs `k < rows`.
+/// Marks the values that row `k` takes from for a view ([`transport::kernel::view`]). Shapes: as in [`weighted_row`],
+/// `marks` one a value. Needs `k < rows`.
 #[inline]
 pub fn mark_row(
     k: u32,
@@ -144,7 +144,7 @@ pub fn value_of(p: &WeightParams, receiver: u32, values: &[Vec4]) -> Vec4 {
     (values[first] + values[first + 1]) + (values[first + 2] + values[first + 3])
 }
 
-/// What a rotation adds to the irradiance of a receiver, `Σ_q H_q t_q·Δn`.
+/// Change of a receiver's irradiance by a rotation, `Σ_q H_q t_q·Δn`.
 #[inline]
 pub fn change_of(receiver: u32, right: f32, up: f32, values: &[Vec4]) -> Vec4 {
     let first = 4 * receiver as usize;

@@ -1,5 +1,5 @@
-//! Files of sections, each with its length and checksum: written beside their place and renamed when they are whole, and
-//! gone on with after an interruption. The format stands in [`crate::file`].
+//! Files of sections, each with its length and checksum: written beside their place and renamed when they are whole,
+//! and gone on with after an interruption. The format stands in [`crate::file`].
 
 use std::fs::{self, File, OpenOptions, TryLockError};
 use std::io::{self, BufWriter, ErrorKind, Read, Seek, SeekFrom, Write};
@@ -9,7 +9,7 @@ use localmatrix::{BakeError, Mapped, Source, beginning_of};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
-/// How every bake begins.
+/// First bytes of every bake.
 const MAGIC: [u8; 8] = *b"PLBAKE\r\n";
 /// Rises with every change of what the tables of a file mean, or of how they are made. Bakes of worlds have version 1.
 pub const VERSION: u32 = 7;
@@ -19,11 +19,11 @@ const HEADER: usize = 56;
 const SECTION_MAGIC: [u8; 4] = *b"PART";
 const SECTION_HEADER: usize = 24;
 
-/// What a section holds.
+/// Content of a section.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u32)]
 pub enum Kind {
-    /// What was baked, and how.
+    /// Source of the bake, and its settings.
     Origin = 1,
     /// Geometry, materials and lighting.
     Scene,
@@ -57,10 +57,10 @@ impl Kind {
     }
 }
 
-/// Where a section is.
+/// Position of a section.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Section {
-    /// What it holds.
+    /// Its content.
     pub kind: Kind,
     /// First byte of its body.
     pub offset: u64,

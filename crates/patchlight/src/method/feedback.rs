@@ -15,14 +15,14 @@ use crate::frame::{FrameInput, FramePlan, zeros};
 use crate::observe::run_phase;
 use crate::operator::{OperatorKey, PatchOperator, accelerations};
 
-/// How light goes on from frame to frame.
+/// Settings of light that bounces once a frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FeedbackSettings {
     /// Relative Frobenius error of the form factors.
     pub epsilon: f64,
     /// Bounces in a frame.
     pub products: u32,
-    /// Whether a bounce uses where the light was going ([`Acceleration`]).
+    /// Extrapolates the light in a bounce ([`Acceleration`]).
     pub accelerated: bool,
 }
 

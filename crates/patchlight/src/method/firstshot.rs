@@ -1,5 +1,5 @@
-//! Photons emitted from first-lit surfaces: illumination maps on all triangles, and from them the irradiance of elements and
-//! patches.
+//! Photons emitted from first-lit surfaces: illumination maps on all triangles, and from them the irradiance of
+//! elements and patches.
 
 use std::ops::ControlFlow;
 use std::sync::Arc;
@@ -39,28 +39,28 @@ use crate::observe::run_phase;
 /// Rays of a point whose light is gathered exactly.
 const POINT_RAYS: u32 = 4096;
 
-/// How much is traced, and from where.
+/// Number and sources of photons.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FirstShotSettings {
-    /// Relative error of the irradiance of the patches at which photons are enough, or of the elements where pictures show the maps
-    /// themselves, which is among mirrors and glass and in a medium. It is asked for after each round of photons.
-    /// With 0 all photons are traced, and no frame waits for what the device has found.
+    /// Relative error of the irradiance of the patches at which photons are enough, or of the elements where pictures
+    /// show the maps themselves, which is among mirrors and glass and in a medium. It is asked for after each round of
+    /// photons. With 0 all photons are traced, and no frame waits for what the device has found.
     pub error: f64,
     /// Most photons.
     pub most_photons: u64,
-    /// How triangles are split into light elements.
+    /// Subdivision of triangles.
     pub subdivision: Subdivision,
-    /// What stands for the reflectance of textured light elements.
+    /// Value that stands for the reflectance of textured light elements.
     pub texels: Texels,
-    /// What is known of the light at a start point.
+    /// Source of the light at a start point.
     pub start_light: StartLight,
-    /// How start points are found on light elements.
+    /// Solver of start points on light elements.
     pub cubic: Cubic,
     /// Numbers that photons are made of.
     pub sequences: Sequences,
 }
 
-/// What is known of the light at a start point.
+/// Source of the light at a start point.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum StartLight {
     /// A shadow ray tells it: no bias from the table of light elements.
@@ -101,7 +101,7 @@ impl FirstShotSettings {
         }
     }
 
-    /// What the lights fall on, and the distribution over it.
+    /// Surfaces that the lights fall on, and the distribution over them.
     ///
     /// # Errors
     /// More elements than there may be, cancellation.
@@ -125,7 +125,7 @@ impl FirstShotSettings {
         }
     }
 
-    /// How photons are traced.
+    /// Settings of the photons.
     pub fn photons(&self, seed: u32) -> PhotonSettings {
         PhotonSettings {
             error: self.error,
@@ -146,7 +146,7 @@ pub struct PatchMaps {
     groups: Vec<u32>,
     /// Areas of those that have cells, m².
     group_areas: Vec<f32>,
-    /// Whether errors are those of elements.
+    /// True if errors are those of elements.
     by_elements: bool,
     /// The cells of each element one after the other, those without area left out, and where each element's begin.
     cells_of_elements: Vec<u32>,
@@ -227,8 +227,8 @@ impl PatchMaps {
     }
 }
 
-/// Whether pictures show the maps themselves: rows of form factors know nothing of light that comes by way of a mirror, through glass
-/// or through a medium.
+/// Returns true if pictures show the maps themselves: rows of form factors know nothing of light that comes by way of a
+/// mirror, through glass or through a medium.
 fn are_shown(scene: &Scene) -> bool {
     scene.specular_material().is_some() || scene.has_medium()
 }
@@ -267,12 +267,12 @@ pub struct FirstShot {
     maps: Arc<PatchMaps>,
     settings: FirstShotSettings,
     seed: u32,
-    /// What photons start from, and what shone when it was found.
+    /// Sources of photons, and the lighting that they were found for.
     emission: Emission,
     lighting: Option<Lighting>,
     /// Photons of each batch so far.
     per_batch: u64,
-    /// What the photons have found, once the host knows.
+    /// Sums of the photons, once the host knows them.
     sums: Option<Sums>,
     estimate: Estimate,
 }
@@ -299,8 +299,8 @@ impl FirstShot {
         })
     }
 
-    /// Finds what photons start from, unless it shines as before; says whether it does not. Shadow rays of light elements are those
-    /// of a device whose plan has them, else the host's.
+    /// Finds what photons start from, unless it shines as before; says whether it does not. Shadow rays of light
+    /// elements are those of a device whose plan has them, else the host's.
     fn set_lighting(
         &mut self,
         scene: &Scene,
@@ -417,7 +417,7 @@ impl FirstShot {
         mesh.patches.iter().zip(means).zip(errors).map(light).collect()
     }
 
-    /// What was traced, and its error; as of when it was counted last.
+    /// Number of photons traced and their error, as of the last count.
     pub fn round(&self) -> Round {
         self.estimate.round
     }
@@ -434,9 +434,9 @@ impl FirstShot {
         [("maps", self.maps.maps.len() as u64 * cell), ("light elements", self.emission.bytes())]
     }
 
-    /// Indirect irradiance at points, W/m²: the mean over rays of `T ρ (H_d + H)` at what they meet, H of the illumination maps,
-    /// H_d by shadow rays, T what the medium leaves on the way. Where anything mirrors light or lets it through, that of the maps'
-    /// cell under the point: no ray finds what a lamp sends by way of a mirror.
+    /// Indirect irradiance at points, W/m²: the mean over rays of `T ρ (H_d + H)` at what they meet, H of the
+    /// illumination maps, H_d by shadow rays, T what the medium leaves on the way. Where anything mirrors light or lets
+    /// it through, that of the maps' cell under the point: no ray finds what a lamp sends by way of a mirror.
     pub fn irradiance_at(&self, scene: &Scene, points: &[SurfacePoint], seed: u32) -> Vec<Vec3> {
         let maps = &self.maps;
         let estimate = &self.estimate;
@@ -506,7 +506,7 @@ fn gather(maps: &PatchMaps, estimate: &Estimate, scene: &Scene, index: u32, poin
     sum / POINT_RAYS as f32
 }
 
-/// How much of the photons is done, of 1,000: what the error or the greatest number allows.
+/// Share of the photons that is done, of 1,000: what the error or the greatest number allows.
 fn per_mille_done(photons: u64, error: f64, settings: &PhotonSettings) -> usize {
     let by_error = (settings.error / error).powi(2);
     let by_count = photons as f64 / settings.most_photons as f64;
@@ -517,13 +517,14 @@ fn per_mille_done(photons: u64, error: f64, settings: &PhotonSettings) -> usize 
 pub struct FirstShotMethod {
     bake: Arc<Bake>,
     shot: FirstShot,
-    /// From the elements to the receivers, where something mirrors light or lets it through, or a medium absorbs it: form factors do
-    /// not know what light comes that way, the maps do.
+    /// From the elements to the receivers, where something mirrors light or lets it through, or a medium absorbs it:
+    /// form factors do not know what light comes that way, the maps do.
     receivers: Option<Arc<Csr>>,
     passes: Option<PhotonPasses>,
-    /// Shadow rays of light elements, where the device is not native code: the host's hierarchy is faster than its kernels.
+    /// Shadow rays of light elements, where the device is not native code: the host's hierarchy is faster than its
+    /// kernels.
     stops: Option<RayStops>,
-    /// Whether the sums of the loaded plan are those of the lighting.
+    /// True if the sums of the loaded plan are those of the lighting.
     is_traced: bool,
     start: Option<PassId>,
     host_ms: f64,
@@ -575,7 +576,7 @@ impl FirstShotMethod {
     }
 }
 
-/// The same device once more, for a plan of its own; nothing for a caller's device.
+/// Opens the device once more, for a plan of its own; nothing for a caller's device.
 fn same_device(executor: &dyn Executor) -> Result<Option<Box<dyn Executor>>, Error> {
     let device = executor.device();
     match device.index {
@@ -703,7 +704,7 @@ impl FirstShotMethod {
     }
 }
 
-/// Whether the work goes on; for callers that tell nobody.
+/// Progress callback that continues; for callers that report to nobody.
 pub(crate) fn go_on(_: usize, _: usize) -> Proceed {
     ControlFlow::Continue(())
 }

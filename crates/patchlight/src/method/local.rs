@@ -1,4 +1,5 @@
-//! All bounces in one product with the matrix of the patches round the camera, which is kept exact while they come and go.
+//! All bounces in one product with the matrix of the patches round the camera, which is kept exact while they come and
+//! go.
 
 use std::time::Instant;
 
@@ -33,7 +34,7 @@ pub struct Local {
     bounce: Option<PassId>,
 }
 
-/// How the matrix is multiplied by: by the host itself where that runs the kernels, else by a copy on the device.
+/// Product with the matrix: by the host itself where that runs the kernels, else by a copy on the device.
 enum Passes {
     Host { source: BufferId, irradiance: BufferId },
     Device(Box<MatrixCopy>),

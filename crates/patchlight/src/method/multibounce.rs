@@ -37,7 +37,7 @@ pub fn prepare(
 }
 
 impl Multibounce {
-    /// What decodes the operator, where it is in texture blocks.
+    /// Decoder of the operator, where it is in texture blocks.
     pub fn decoder(&self) -> Option<Decoder> {
         self.decoder
     }

@@ -20,7 +20,7 @@ use crate::operator::{OperatorKey, PatchOperator};
 /// Entries of a list that stands for a row of real numbers.
 const LIST_ENTRIES: usize = 1024;
 
-/// How rows between patches are kept.
+/// Storage of rows between patches.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum RowKind {
     /// Lists of columns, all entries alike: [`RayLists`].
@@ -45,9 +45,9 @@ pub enum Sampled {
 /// Settings of temporal radiosity.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct TemporalSettings {
-    /// What a frame does.
+    /// Settings of a frame.
     pub settings: Settings,
-    /// How rows between patches are kept.
+    /// Storage of the rows.
     pub rows: RowKind,
     /// Which rows are sampled.
     pub sampled: Sampled,
@@ -92,7 +92,7 @@ pub struct TemporalMethod {
     settings: Settings,
     /// From patch to patch; none where all bounces end at elements and receivers.
     patches: Option<Rows>,
-    /// Whether those are of all bounces.
+    /// True if those are of all bounces.
     has_all_bounces: bool,
     elements: Option<Rows>,
     receivers: Option<Rows>,
@@ -108,7 +108,7 @@ struct Level {
     /// The passes since the level before, which find what it samples.
     before: ops::Range<usize>,
     sampled: SampledPasses,
-    /// How often light is summed before the first frame.
+    /// Number of bounces summed before the first frame.
     bounces: u32,
     all: Vec<PassId>,
 }
@@ -194,7 +194,7 @@ impl TemporalMethod {
     }
 }
 
-/// What shines, and what is lit.
+/// Lighting and the bake that is lit.
 struct Light {
     source: Range,
     albedo: Range,

@@ -11,12 +11,12 @@ use crate::frame::LAST_BOUNCES;
 use crate::method::temporal::RowKind;
 use crate::method::{MethodSettings, Preparation, TemporalSettings};
 
-/// What an operator is of, and how it is stored.
+/// Identity of an operator: its form factors, and its storage.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub enum OperatorKey {
     /// So many bounces, or all.
     Bounces {
-        /// How it is stored.
+        /// Storage of the operator.
         codec: Codec,
         /// Bounces between patches; `None` for all.
         bounces: Option<u32>,
@@ -31,15 +31,15 @@ pub enum OperatorKey {
 /// An operator that a bake keeps.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct BakedOperator {
-    /// What it is of.
+    /// Identity of the operator.
     pub key: OperatorKey,
     /// The operator.
     pub operator: PatchOperator,
 }
 
 impl OperatorKey {
-    /// The operator that a method asks for under these settings; none where the method has none, or where there are so few
-    /// bounces that patches need none.
+    /// The operator that a method asks for under these settings; none where the method has none, or where there are so
+    /// few bounces that patches need none.
     pub fn of(method: &MethodSettings, settings: &BakeSettings) -> Option<Self> {
         let last = if settings.receivers == ReceiverKind::Patches { 0 } else { LAST_BOUNCES };
         let is_needed = settings.bounces.is_none_or(|bounces| bounces > last);

@@ -1,4 +1,4 @@
-//! Where operators are built: on the host, in files, or on a device, by elimination of blocks or by steps of Horner's rule.
+//! Building of operators: on the host, in files, or on a device, by elimination of blocks or by steps of Horner's rule.
 
 use std::path::PathBuf;
 
@@ -16,7 +16,7 @@ use crate::memory::{available_bytes, free_bytes};
 use crate::method::Preparation;
 use crate::observe::{Report, run_phase};
 
-/// Where operators between patches are built.
+/// Place where operators between patches are built.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum BuildOn {
     /// On the device that frames run on when it is a graphics processor, else on the host.
@@ -29,7 +29,7 @@ pub enum BuildOn {
 }
 
 impl BuildOn {
-    /// Whether such a device builds.
+    /// Returns true if such a device builds.
     pub fn is_device(self, kind: DeviceKind) -> bool {
         match self {
             Self::Auto => kind < DeviceKind::EmulatedOnCpu,
@@ -39,14 +39,14 @@ impl BuildOn {
     }
 }
 
-/// How the operator between patches is built.
+/// Building of the operator between patches.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Build {
-    /// Where.
+    /// Place.
     pub on: BuildOn,
     /// Most resident memory of the program meanwhile, bytes; `None` for what the system says is free.
     pub memory_limit: Option<u64>,
-    /// Where the files of operators lie that do not fit into it.
+    /// Folder for the files of operators that do not fit into it.
     pub folder: PathBuf,
 }
 
@@ -57,7 +57,8 @@ impl Default for Build {
     }
 }
 
-/// Dense matrices of single precision at the peak, of some bounces: two operators that are made, F, three of the solver.
+/// Dense matrices of single precision at the peak, of some bounces: two operators that are made, F, three of the
+/// solver.
 pub const MATRICES: usize = 6;
 
 /// Memory that is left for what is not panels: packed blocks of products, tiles that are being made.
@@ -73,7 +74,7 @@ impl Build {
     }
 }
 
-/// Whether so many matrices fit into the memory that is free, where the system says how much that is.
+/// Checks that so many matrices fit into the free memory, where the system says how much that is.
 ///
 /// # Errors
 /// [`Error::OperatorMemory`], with what would do `instead`.
@@ -128,8 +129,8 @@ pub fn form_factor_operator(epsilon: f64, with: &Preparation) -> Result<PatchOpe
     Ok(operator)
 }
 
-/// The compressed form factors, scaled where light would grow in them from bounce to bounce: their spectral radius is at
-/// most 1, and so is below 1 with every albedo below 1.
+/// The compressed form factors, scaled where light would grow in them from bounce to bounce: their spectral radius is
+/// at most 1, and so is below 1 with every albedo below 1.
 pub(crate) fn compress_form_factors(
     mut factors: SymmetricFactors,
     epsilon: f64,
@@ -160,8 +161,8 @@ pub(crate) struct Panels<'a> {
 }
 
 impl Panels<'_> {
-    /// Builds it in files; only low-rank operators are encoded from those: other codecs read it patch by patch, or are as large
-    /// themselves.
+    /// Builds it in files; only low-rank operators are encoded from those: other codecs read it patch by patch, or are
+    /// as large themselves.
     pub fn build(&self, codec: Codec, observer: &dyn Observer) -> Result<PatchOperator, Error> {
         let patches = self.albedo.len();
         if !matches!(codec, Codec::LowRank { .. }) {
@@ -177,8 +178,8 @@ impl Panels<'_> {
     }
 }
 
-/// The symmetric operators for red, green and blue, on a device where the build says so; on the host, with a note, when nobody
-/// asked for a device that is too small.
+/// The symmetric operators for red, green and blue, on a device where the build says so; on the host, with a note, when
+/// nobody asked for a device that is too small.
 fn bounces_on(
     factors: &SymmetricFactors,
     albedo: &[Vec4],
@@ -212,8 +213,8 @@ fn bounces_on(
 const UPLOAD_BYTES: usize = 1 << 24;
 
 /// Symmetric operators of so many bounces for red, green and blue, `T_{k+1} = F + F diag(ρ) T_k` by
-/// `multibounce_multiply`: 3 N² · 4 bytes on the device (F, T_k and T_{k+1}), 4 N² · 4 bytes on the host (three results, and one
-/// as it comes from the device), each N there a whole number of 256. No binding exceeds `range` bytes.
+/// `multibounce_multiply`: 3 N² · 4 bytes on the device (F, T_k and T_{k+1}), 4 N² · 4 bytes on the host (three
+/// results, and one as it comes from the device), each N there a whole number of 256. No binding exceeds `range` bytes.
 ///
 /// # Errors
 /// Form factors that are not reciprocal, a device that is too small, cancellation.
@@ -258,8 +259,9 @@ pub(crate) fn some_bounces_on_device(
     Ok([one(0)?, one(1)?, one(2)?])
 }
 
-/// Symmetric operators of all bounces for red, green and blue, by elimination of blocks ([`Inverse`]): N² · 4 bytes on the device, N
-/// a whole number of 256 there; the host inverts the blocks of 64 × 64 entries on the diagonal. No binding exceeds `range` bytes.
+/// Symmetric operators of all bounces for red, green and blue, by elimination of blocks ([`Inverse`]): N² · 4 bytes on
+/// the device, N a whole number of 256 there; the host inverts the blocks of 64 × 64 entries on the diagonal. No
+/// binding exceeds `range` bytes.
 ///
 /// # Errors
 /// Form factors that are not reciprocal, light that would grow for ever, a device that is too small, cancellation.

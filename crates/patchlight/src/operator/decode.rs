@@ -1,4 +1,4 @@
-//! What decodes texture blocks in frames on a device: its texture unit, or the kernel.
+//! Decoders of texture blocks in frames on a device: its texture unit, or the kernel.
 
 use multibounce::BlockMatrix;
 use multibounce::kernel::blocks::BLOCK;
@@ -9,7 +9,7 @@ use runtime::recipe::multibounce::Decoder;
 use super::PatchOperator;
 use crate::error::Error;
 
-/// What is asked for.
+/// Requested decoder.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Decode {
     /// The texture unit where there is one that is faster.
@@ -30,7 +30,7 @@ pub fn decoder_name(decoder: Decoder) -> &'static str {
 }
 
 impl PatchOperator {
-    /// What decodes the operator's blocks on a device; `None` for one that has none.
+    /// Decoder of the operator's blocks on a device; `None` for one that has none.
     ///
     /// # Errors
     /// As [`Decode::on`].
@@ -43,7 +43,7 @@ impl PatchOperator {
 }
 
 impl Decode {
-    /// What decodes a matrix on a device. An image holds whole rows of the matrix; there are as many images as it takes.
+    /// Decoder of a matrix on a device. An image holds whole rows of the matrix; there are as many images as it takes.
     ///
     /// Without a choice it is the texture unit of a graphics processor. Vulkan on the CPU has none and decodes a block
     /// anew for each texel, which takes 1.4 to 4 times as long as the kernel (lavapipe, 1,500 patches).
@@ -66,7 +66,7 @@ impl Decode {
         }
     }
 
-    /// Whether a device can do it at all: known before there is a matrix.
+    /// Checks that a device can do it at all: known before there is a matrix.
     ///
     /// # Errors
     /// [`Error::NoTextureUnit`] where the texture unit is asked for and there is none.

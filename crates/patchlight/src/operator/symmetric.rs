@@ -82,8 +82,8 @@ impl SymmetricFactors {
         }
     }
 
-    /// The symmetric operators of so many bounces, or of all, for red, green and blue, on the host: 4 N² numbers at the peak for
-    /// all, [`super::build::MATRICES`] N² for some.
+    /// The symmetric operators of so many bounces, or of all, for red, green and blue, on the host: 4 N² numbers at the
+    /// peak for all, [`super::build::MATRICES`] N² for some.
     ///
     /// # Errors
     /// Light that would grow for ever; cancellation.
@@ -106,7 +106,7 @@ impl SymmetricFactors {
         })
     }
 
-    /// The same in files, of which panels of so many bytes are held at a time.
+    /// Builds in files, of which panels of so many bytes are held at a time.
     ///
     /// # Errors
     /// Too few bytes for one panel, a folder that cannot be written to, cancellation.

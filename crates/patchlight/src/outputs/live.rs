@@ -11,9 +11,9 @@ use crate::error::Error;
 use crate::observe::Report;
 use crate::renderer::Renderer;
 
-/// A volume of ambient cubes ([`VoxelVolume`]) with the form factors from its receivers to the elements: geometry is at rest, so
-/// the indirect light of the probes, `H = F B` with the exitance B of the elements, is one product a frame. It lights what moves
-/// through the scene; what moves neither reflects nor hides light.
+/// A volume of ambient cubes ([`VoxelVolume`]) with the form factors from its receivers to the elements: geometry is at
+/// rest, so the indirect light of the probes, `H = F B` with the exitance B of the elements, is one product a frame. It
+/// lights what moves through the scene; what moves neither reflects nor hides light.
 #[derive(Clone, Debug)]
 pub struct LiveProbes {
     volume: VoxelVolume,
@@ -25,8 +25,8 @@ impl LiveProbes {
     /// About `count` probes over the bounds of a bake, with so many rays from each of their six sides; no light yet.
     ///
     /// # Errors
-    /// [`Error::OutputReceivers`] unless receivers are on the mesh, which say where light comes; [`Error::Medium`]; a scene without
-    /// room for probes; cancellation.
+    /// [`Error::OutputReceivers`] unless receivers are on the mesh, which say where light comes; [`Error::Medium`]; a
+    /// scene without room for probes; cancellation.
     pub fn new(bake: &Bake, count: u32, rays: u32, report: &Report) -> Result<Self, Error> {
         if bake.settings.receivers != ReceiverKind::Mesh {
             return Err(Error::OutputReceivers);

@@ -10,11 +10,11 @@ use crate::renderer::Renderer;
 /// Directions round a cylinder.
 const DIRECTIONS: u32 = 16;
 /// Most indirect light of backs, as a share of that of fronts, where backs are insides of solids.
-const MOST_BACKS: f64 = 0.25;
+const MAX_BACKS: f64 = 0.25;
 /// Most points of a plane.
-const MOST_POINTS: f64 = 1e6;
+const MAX_POINTS: f64 = 1e6;
 
-/// What is measured at the points of a plane.
+/// Quantity measured at the points of a plane.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum PlaneKind {
     /// Illuminance from above.
@@ -27,7 +27,7 @@ pub enum PlaneKind {
 /// A horizontal grid over a scene; y points upwards.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CalculationPlane {
-    /// What is measured.
+    /// Measured quantity.
     pub kind: PlaneKind,
     /// Height, m.
     pub height: f32,
@@ -54,8 +54,8 @@ impl CalculationPlane {
     /// Illuminance under the light of the last update.
     ///
     /// # Errors
-    /// [`Error::OutputReceivers`] unless receivers are on the mesh, [`transport::Error::Setting`] for a height or an area that are not finite, [`transport::Error::TooMany`] points;
-    /// what the device says; cancellation.
+    /// [`Error::OutputReceivers`] unless receivers are on the mesh, [`transport::Error::Setting`] for a height or an
+    /// area that are not finite, [`transport::Error::TooMany`] points; what the device says; cancellation.
     pub fn light(&self, renderer: &mut Renderer) -> Result<PlaneLight, Error> {
         let mut light = self.grid(renderer.scene())?;
         let outer = outer_sides(renderer)?;
@@ -105,11 +105,11 @@ impl CalculationPlane {
         }
         let counts = (size / self.spacing).ceil().max(Vec2::ONE);
         let found = f64::from(counts.x) * f64::from(counts.y);
-        if found > MOST_POINTS {
+        if found > MAX_POINTS {
             return Err(transport::Error::TooMany {
                 name: "points of a plane",
                 found: found as u64,
-                limit: MOST_POINTS as u64,
+                limit: MAX_POINTS as u64,
             }
             .into());
         }
@@ -121,7 +121,7 @@ impl CalculationPlane {
 }
 
 impl PlaneLight {
-    /// Where point `k` is, m.
+    /// Position of point `k`, m.
     pub fn place(&self, k: u32) -> Vec3 {
         let (i, j) = (k % self.counts[0], k / self.counts[0]);
         self.first + Vec3::new(i as f32 * self.step.x, 0.0, j as f32 * self.step.y)
@@ -136,8 +136,8 @@ impl PlaneLight {
     }
 }
 
-/// The sides that bound what is not solid: those with receivers, and of these the fronts where they have nearly all of the
-/// indirect light, for light may leak into hollow walls.
+/// The sides that bound what is not solid: those with receivers, and of these the fronts where they have nearly all of
+/// the indirect light, for light may leak into hollow walls.
 fn outer_sides(renderer: &mut Renderer) -> Result<Vec<Sides>, Error> {
     let mut light = [0.0; 2];
     for (sum, front) in light.iter_mut().zip([true, false]) {
@@ -147,13 +147,13 @@ fn outer_sides(renderer: &mut Renderer) -> Result<Vec<Sides>, Error> {
         *sum = flux.sum::<f64>();
     }
     let mut sides = lit_sides(renderer.bake());
-    if light[1] < MOST_BACKS * light[0] {
+    if light[1] < MAX_BACKS * light[0] {
         sides.iter_mut().for_each(|side| side.back = false);
     }
     Ok(sides)
 }
 
-/// Whether a place is in none of the solids: most of what is seen from there are sides that bound it.
+/// Returns true if a place is in none of the solids: most of what is seen from there are sides that bound it.
 fn is_in_the_open(scene: &Scene, outer: &[Sides], place: Vec3) -> bool {
     let tables = scene.tables();
     let is_outer = |direction: Vec3| {

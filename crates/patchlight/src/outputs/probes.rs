@@ -9,12 +9,13 @@ use serde::{Deserialize, Serialize};
 
 use crate::error::Error;
 
-/// What the description says that a file is.
+/// Format name in the description.
 const FORMAT: &str = "patchlight probes";
 /// Its version.
 const VERSION: u32 = 1;
 
-/// Probes on a regular grid with their light. `cubes` are irradiance, W/m², for the normals +x, −x, +y, −y, +z, −z of each.
+/// Probes on a regular grid with their light. `cubes` are irradiance, W/m², for the normals +x, −x, +y, −y, +z, −z of
+/// each.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ProbeVolume {
     params: VolumeParams,
@@ -39,12 +40,12 @@ struct Description {
     probe_count: u32,
     /// Distance along its normal from which a point looks at the probes, m.
     lift: f32,
-    /// Whether probes behind walls do not count.
+    /// True if probes behind walls do not count.
     walls: bool,
     tables: Vec<TableDescription>,
 }
 
-/// Where a table stands in the binary file; numbers are little-endian.
+/// Position of a table in the binary file; numbers are little-endian.
 #[derive(Debug, Deserialize, PartialEq, Serialize)]
 struct TableDescription {
     name: String,
@@ -98,7 +99,7 @@ impl ProbeVolume {
         self.cubes.len() / CUBE_SIDES as usize
     }
 
-    /// Whether there are none.
+    /// Returns true if there are none.
     pub fn is_empty(&self) -> bool {
         self.cubes.is_empty()
     }
@@ -108,7 +109,7 @@ impl ProbeVolume {
         volume_lookup(&self.params, &self.probes, &self.planes, &self.cubes, position, normal).truncate()
     }
 
-    /// The same from the spherical harmonics.
+    /// Irradiance from the spherical harmonics.
     pub fn irradiance_by_harmonics(&self, position: Vec3, normal: Vec3) -> Vec3 {
         volume_lookup_sh(&self.params, &self.probes, &self.planes, &self.harmonics, position, normal).truncate()
     }
@@ -223,10 +224,10 @@ impl ProbeVolume {
         Ok(Self { params, probes, planes, cubes, harmonics })
     }
 
-    /// The ambient cubes as a 3D texture in a KTX2 file, 16-bit floats, laid out as Bevy's irradiance volumes are: of size
-    /// (Rx, 2 Ry, 3 Rz) for Rx × Ry × Rz voxels; the normal +x of voxel (x, y, z) is at (x, y, z), −x at (x, y + Ry, z), ±y and ±z
-    /// one and two Rz further along z. Texels are E/π, which a surface multiplies by its colour. A voxel without a probe has that of
-    /// the nearest.
+    /// The ambient cubes as a 3D texture in a KTX2 file, 16-bit floats, laid out as Bevy's irradiance volumes are: of
+    /// size (Rx, 2 Ry, 3 Rz) for Rx × Ry × Rz voxels; the normal +x of voxel (x, y, z) is at (x, y, z), −x at (x, y +
+    /// Ry, z), ±y and ±z one and two Rz further along z. Texels are E/π, which a surface multiplies by its colour. A
+    /// voxel without a probe has that of the nearest.
     pub fn to_ktx2(&self) -> Vec<u8> {
         let counts = self.params.shape.counts();
         let (width, height, depth) = (counts.x, 2 * counts.y, 3 * counts.z);
@@ -274,7 +275,8 @@ fn ktx2(size: [u32; 3], texels: &[u8]) -> Vec<u8> {
     // Where the descriptor is; no keys, no global data.
     words(&mut file, &[BEFORE, descriptor, 0, 0, 0, 0, 0, 0]);
     words(&mut file, &[first, 0, texels.len() as u32, 0, texels.len() as u32, 0]);
-    // The descriptor: Khronos' basic block of version 2, RGB colours with the primaries of BT.709, linear; texels of eight bytes.
+    // The descriptor: Khronos' basic block of version 2, RGB colours with the primaries of BT.709, linear; texels of
+    // eight bytes.
     words(&mut file, &[descriptor, 0, 2 + (block << 16), 1 + (1 << 8) + (1 << 16), 0, 8, 0]);
     for (k, channel) in (0u32..).zip(CHANNELS) {
         // Signed floats of 16 bits: the bounds are those of −1 and 1.

@@ -1,5 +1,5 @@
-//! Pictures of any size on devices whose bindings show only so many bytes: each pass runs over one band of pixels after the
-//! other. Bands are parts of the same tables; a pixel is what it is without them, in every bit.
+//! Pictures of any size on devices whose bindings show only so many bytes: each pass runs over one band of pixels after
+//! the other. Bands are parts of the same tables; a pixel is what it is without them, in every bit.
 
 use runtime::plan::{BufferId, RANGE_ALIGNMENT, Range};
 use scene::kernel::large::REACH;
@@ -42,8 +42,8 @@ fn reach(width: u32) -> u32 {
     (width + 1).saturating_mul(REACH as u32)
 }
 
-/// A picture in bands, so that a binding of `range` bytes shows the points of each and of the pixels about; bands of `STEP`
-/// pixels where it cannot: the device then says so.
+/// A picture in bands, so that a binding of `range` bytes shows the points of each and of the pixels about; bands of
+/// `STEP` pixels where it cannot: the device then says so.
 pub fn bands((width, height): (u32, u32), range: u64) -> Vec<Band> {
     let pixels = width * height;
     let shown = u32::try_from(range / size_of::<SurfacePoint>() as u64).unwrap_or(u32::MAX);

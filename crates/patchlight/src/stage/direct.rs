@@ -11,25 +11,26 @@ use scene::{DirectParams, Light};
 use crate::frame::FramePlan;
 
 /// Most bytes of what is kept of the lights, each of two tables: of more lights, all are traced in each update.
-const MOST_KEPT: u64 = 1 << 30;
+const MAX_KEPT: u64 = 1 << 30;
 
-/// Direct light at points that stay: what reaches them of each light is kept, so that only lights that have moved are traced.
+/// Direct light at points that stay: what reaches them of each light is kept, so that only lights that have moved are
+/// traced.
 #[derive(Debug)]
 pub struct DirectLight {
     /// Irradiance at the samples.
     pub irradiance: BufferId,
     /// The samples.
     pub points: Range,
-    /// What emitters and sky send, and all lights where nothing is kept of them.
+    /// Light of emitters and sky, and all lights where nothing is kept of them.
     surround: PassId,
     medium: PassMedium,
     kept: Option<KeptLights>,
 }
 
-/// What is kept of each light.
+/// Kept light of each lamp.
 #[derive(Debug)]
 struct KeptLights {
-    /// What arrives of each light that has changed.
+    /// Traces the lights that have changed.
     trace: PassId,
     /// The sum of all.
     add: PassId,
@@ -57,7 +58,7 @@ pub fn add(frame: &mut FramePlan, scene: &SceneTables) -> Result<DirectLight, Ex
     let share_bytes = (capacity * count * size_of::<f32>()) as u64;
     let medium = scene.medium();
     // What is kept of a light is one number for all channels.
-    if share_bytes > binding_bytes.min(MOST_KEPT) || medium != PassMedium::default() {
+    if share_bytes > binding_bytes.min(MAX_KEPT) || medium != PassMedium::default() {
         let own = [("points", points), ("irradiance", Range::from(irradiance))];
         let surround = scene.direct_light(plan, "direct", &own, params)?;
         return Ok(DirectLight { irradiance, points, surround, medium, kept: None });

@@ -1,4 +1,5 @@
-//! The last two bounces: irradiance of the elements, then of the receivers, smoothed, and of the interpolation points, W/m².
+//! The last two bounces: irradiance of the elements, then of the receivers, smoothed, and of the interpolation points,
+//! W/m².
 
 use gpu_kernels::params::CountParams;
 use gpu_kernels::table;
@@ -34,7 +35,8 @@ pub fn add_elements(frame: &mut FramePlan, method: &mut dyn Method) -> Result<()
     Ok(())
 }
 
-/// Adds the passes from the elements to all receivers and interpolation points; gives the tables, if there are receivers.
+/// Adds the passes from the elements to all receivers and interpolation points; gives the tables, if there are
+/// receivers.
 ///
 /// # Errors
 /// What the plan and the method say.
@@ -54,8 +56,8 @@ pub fn add_receivers(frame: &mut FramePlan, method: &mut dyn Method) -> Result<O
     Ok(Some(ReceiverTables { rows, smoothing, weights }))
 }
 
-/// The first of the two last bounces: between elements, each with its own first exitance and its share of what the patch
-/// reflects.
+/// The first of the two last bounces: between elements, each with its own first exitance and its share of what the
+/// patch reflects.
 fn add_element_bounce(frame: &mut FramePlan, method: &mut dyn Method) -> Result<(), crate::Error> {
     let Some(element_rows) = &frame.bake.form_factors.element_rows else {
         // The elements are the patches.

@@ -1,5 +1,5 @@
-//! Pixels: sub-frames of primary rays, direct light, indirect light from the interpolation points or from the patches about,
-//! and shading.
+//! Pixels: sub-frames of primary rays, direct light, indirect light from the interpolation points or from the patches
+//! about, and shading.
 
 use gpu_kernels::params::{FollowParams, PixelParams};
 use runtime::executor::{Executor, ExecutorError};
@@ -17,12 +17,12 @@ use super::smooth::{SmoothLight, SmoothPasses};
 use crate::bake::ReceiverKind;
 use crate::frame::FramePlan;
 
-/// How pixels find direct light of what is large: sky, rectangles, emissive triangles.
+/// Method for direct light of large sources at pixels: sky, rectangles, emissive triangles.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum PixelLight {
-    /// Without noise: the same in every frame. The sky as the receivers' rays see it; rectangles and emissive triangles exactly,
-    /// times the share that shadow rays of a fixed pattern see, averaged over like pixels. Where there are receivers on the
-    /// mesh; else as [`Self::Sampled`].
+    /// Without noise: the same in every frame. The sky as the receivers' rays see it; rectangles and emissive triangles
+    /// exactly, times the share that shadow rays of a fixed pattern see, averaged over like pixels. Where there are
+    /// receivers on the mesh; else as [`Self::Sampled`].
     #[default]
     Smooth,
     /// By random rays in each sub-frame, other ones in every frame.
@@ -32,7 +32,7 @@ pub enum PixelLight {
 /// Shadow rays to area lights, and rays to the sky, in each sub-frame of a pixel.
 const PIXEL_RAYS: u32 = 2;
 
-/// What pictures are made with.
+/// Settings of pictures.
 #[derive(Clone, Copy, Debug)]
 pub struct PixelSettings {
     /// Picture size, pixels.
@@ -41,16 +41,16 @@ pub struct PixelSettings {
     pub sub_frames: u32,
     /// Bytes of a buffer that one binding may show: larger pictures run in bands.
     pub binding_bytes: u64,
-    /// How direct light is measured at the pixels: shadow rays to area lights, rays to the sky where it is sampled, and how
-    /// far points lie off their surface.
+    /// Settings of direct light at the pixels: shadow rays to area lights, rays to the sky where it is sampled, and the
+    /// distance of points from their surface.
     pub direct: DirectParams,
-    /// Whether direct light has a sum of its own, too.
+    /// Keeps a separate sum of direct light.
     pub has_separate_direct: bool,
-    /// Whether primary rays go on at mirrors and through glass, and lose light in a medium: in each sub-frame chance picks what a
-    /// surface shows.
+    /// Follows primary rays at mirrors and through glass, and attenuates light in a medium: in each sub-frame chance
+    /// picks what a surface shows.
     pub follows: bool,
-    /// Irradiance of the interpolation points from the sky, for direct light without noise, which needs a sum of its own;
-    /// without it light is sampled.
+    /// Irradiance of the interpolation points from the sky, for direct light without noise, which needs a sum of its
+    /// own; without it light is sampled.
     pub smooth_sky: Option<Range>,
 }
 
@@ -59,9 +59,9 @@ pub struct PixelSettings {
 pub struct Shade {
     /// Sums over the sub-frames of all radiance, W/m²/sr.
     pub full: BufferId,
-    /// Of direct radiance, where that has a sum of its own.
+    /// Sum of direct radiance, where that is separate.
     pub direct: BufferId,
-    /// What one sub-frame leaves the next overwrites.
+    /// Buffers of one sub-frame, overwritten by the next.
     pub pixels: PixelBuffers,
     no_light: BufferId,
     settings: PixelSettings,
@@ -69,13 +69,13 @@ pub struct Shade {
     bands: Vec<Band>,
     smooth: Option<SmoothLight>,
     sub_frames: Vec<SubFrame>,
-    /// What follows them.
+    /// The passes that follow.
     last: Vec<PassId>,
     passes: Vec<PassId>,
 }
 
-/// The passes of a sub-frame: the primary rays of all bands, the albedo of what they meet, then the rest of each. Where rays go on
-/// at mirrors, the points that they show and the albedo there follow as primary passes.
+/// The passes of a sub-frame: the primary rays of all bands, the albedo of what they meet, then the rest of each. Where
+/// rays go on at mirrors, the points that they show and the albedo there follow as primary passes.
 #[derive(Clone, Debug)]
 struct SubFrame {
     primary: Vec<PassId>,
@@ -96,9 +96,9 @@ struct BandPasses {
 /// Buffers of a sub-frame, shared by all.
 #[derive(Clone, Copy, Debug)]
 pub struct PixelBuffers {
-    /// What the primary rays meet.
+    /// Hits of the primary rays.
     pub hits: BufferId,
-    /// The same as points to be lit.
+    /// Hits as points to be lit.
     pub points: BufferId,
     /// Albedo there.
     pub albedo: BufferId,
@@ -106,17 +106,17 @@ pub struct PixelBuffers {
     pub direct: BufferId,
     /// Indirect irradiance there, W/m².
     pub indirect: BufferId,
-    /// What rays have been through before that, where they go on at mirrors and through glass.
+    /// Specular paths of the primary rays, where they go on at mirrors and through glass.
     pub chains: Option<BufferId>,
 }
 
 impl PixelBuffers {
-    /// What the primary rays of a band meet, as a binding.
+    /// Hits of the primary rays of a band, as a binding.
     pub fn hits_of(&self, band: Band) -> Named {
         ("hits", band.of::<Hit>(self.hits))
     }
 
-    /// What the rays of a band have been through, as a binding, where they go on.
+    /// Specular paths of the rays of a band, as a binding, where they go on.
     fn chains_of(&self, band: Band) -> Option<Named> {
         self.chains.map(|chains| ("chains", band.of::<SpecularChain>(chains)))
     }
@@ -213,7 +213,7 @@ pub fn add_pixels(
     Ok(shade)
 }
 
-/// Where pixels take indirect light from.
+/// Source of indirect light at pixels.
 #[derive(Clone, Copy, Debug)]
 pub enum Indirect {
     /// The patches about.
@@ -265,7 +265,7 @@ impl Indirect {
         }
     }
 
-    /// The same with other light.
+    /// Copy with other light.
     pub fn with_values(self, light: Range) -> Self {
         match self {
             Self::Patches { lookup, .. } => Self::Patches { lookup, values: light },
@@ -380,7 +380,7 @@ fn add_band(
     Ok(BandPasses { light, smooth, shade_full, shade_direct })
 }
 
-/// What a picture is of.
+/// Subject of a picture.
 pub struct Shot<'a> {
     /// From where.
     pub camera: &'a Camera,
@@ -390,7 +390,7 @@ pub struct Shot<'a> {
     pub emitter_count: u32,
     /// Number of their groups.
     pub group_count: u32,
-    /// Whether pixels look for the sky.
+    /// True if pixels look for the sky.
     pub has_sky: bool,
     /// Seed of each sub-frame, of its positions in the pixels and of its shadow rays.
     pub seeds: &'a [u32],
@@ -448,8 +448,8 @@ impl Shade {
         self.sub_frames.first().into_iter().flat_map(|first| first.primary.iter().chain(&first.albedo)).copied()
     }
 
-    /// Whether one picture leaves what the primary rays meet to the next from the same camera: one sub-frame, whose places in
-    /// the pixels never change. Rays that go on at mirrors hold what they saw shine, which may.
+    /// Returns true if one picture leaves its primary hits to the next from the same camera: one sub-frame, whose
+    /// places in the pixels never change. Rays that go on at mirrors hold what they saw shine, which may.
     pub fn keeps_hits(&self) -> bool {
         self.sub_frames.len() == 1 && self.smooth.is_some() && self.pixels.chains.is_none()
     }

@@ -1,5 +1,6 @@
-//! Irradiance straight from the sky at the interpolation points, W/m²: from the rays of the receivers that escape, smoothed and
-//! interpolated as indirect light is. It follows from the sky alone, and is found anew only where the sky changes.
+//! Irradiance straight from the sky at the interpolation points, W/m²: from the rays of the receivers that escape,
+//! smoothed and interpolated as indirect light is. It follows from the sky alone, and is found anew only where the sky
+//! changes.
 
 use glam::Vec4;
 use runtime::executor::{Executor, ExecutorError};
@@ -19,7 +20,7 @@ pub const PASS: &str = "sky";
 /// The passes.
 #[derive(Clone, Debug)]
 pub struct SkyLight {
-    /// What each bin of the sky stands for.
+    /// Exitance of each bin of the sky.
     bins: BufferId,
     /// Irradiance of the interpolation points.
     pub interpolated: BufferId,

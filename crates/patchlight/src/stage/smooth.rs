@@ -1,6 +1,6 @@
-//! Direct light of pixels without noise: of the sky from the interpolation points, of rectangles and emissive triangles exactly
-//! where nothing is in the way, times the share that shadow rays of a fixed pattern see, averaged over like pixels. Parallel,
-//! point and spot lights have a shadow ray in each sub-frame.
+//! Direct light of pixels without noise: of the sky from the interpolation points, of rectangles and emissive triangles
+//! exactly where nothing is in the way, times the share that shadow rays of a fixed pattern see, averaged over like
+//! pixels. Parallel, point and spot lights have a shadow ray in each sub-frame.
 
 use runtime::executor::{Executor, ExecutorError};
 use runtime::plan::{BufferId, PassId, Plan, Range};
@@ -11,8 +11,8 @@ use scene::{Camera, DirectParams, LargeParams, Rgb, ShareParams, SurfacePoint};
 use super::bands::Band;
 use super::shade::{Indirect, PixelBuffers, PixelSettings, Shot};
 
-/// Most by which shares of light differ that are averaged, times the number of samples of a pixel: with few samples all, with
-/// many only those that differ by a step or two of their counting.
+/// Most by which shares of light differ that are averaged, times the number of samples of a pixel: with few samples
+/// all, with many only those that differ by a step or two of their counting.
 const TOLERANCE: f32 = 2.5;
 
 /// Buffers of all sub-frames.
@@ -20,7 +20,7 @@ const TOLERANCE: f32 = 2.5;
 pub struct SmoothLight {
     /// Irradiance of the interpolation points from the sky, W/m².
     sky: Range,
-    /// The same at the pixels.
+    /// Light of the sky at the pixels.
     from_sky: BufferId,
     /// Radiance from rectangles and emitters, were nothing in the way; of the samples that are seen; of all samples.
     open: BufferId,
@@ -29,7 +29,7 @@ pub struct SmoothLight {
     /// Picture size, pixels, and number of sub-frames.
     size: (u32, u32),
     sub_frames: u32,
-    /// How direct light is measured.
+    /// Settings of direct light.
     direct: DirectParams,
     medium: PassMedium,
 }

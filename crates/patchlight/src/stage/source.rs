@@ -19,7 +19,7 @@ use crate::frame::FramePlan;
 pub struct Source {
     /// Elements, then patches.
     pub passes: [PassId; 2],
-    /// What elements reflect of a constant sky, W/m².
+    /// Light of a constant sky reflected by elements, W/m².
     pub emission: BufferId,
     /// Albedo of the samples.
     pub point_albedo: BufferId,
@@ -60,8 +60,8 @@ pub fn add(frame: &mut FramePlan, direct: &DirectLight) -> Result<Source, Execut
     Ok(Source { passes: [of_elements, of_patches], emission, point_albedo: point_albedo.buffer })
 }
 
-/// First exitance that a constant sky gives each element: `ρ π L s`, with its albedo ρ and the share s of its hemisphere that sees the sky,
-/// as far as a medium leaves light from infinity. A sky with a map is sampled instead.
+/// First exitance that a constant sky gives each element: `ρ π L s`, with its albedo ρ and the share s of its
+/// hemisphere that sees the sky, as far as a medium leaves light from infinity. A sky with a map is sampled instead.
 pub fn sky_exitance(bake: &Bake, element_albedo: &[Vec4], lighting: &Lighting) -> Vec<Vec4> {
     let sky = lighting.sky;
     let radiance = if sky.map_width == 0 { sky.radiance } else { glam::Vec3::ZERO };

@@ -1,6 +1,6 @@
-//! Irradiance of what a view shows: of the interpolation points that its pixels take light from, and of the receivers behind
-//! these. The others keep what an earlier light gave them until they come into view, and are exact then: nothing of an
-//! irradiance depends on that of the frame before.
+//! Irradiance of what a view shows: of the interpolation points that its pixels take light from, and of the receivers
+//! behind these. The others keep what an earlier light gave them until they come into view, and are exact then: nothing
+//! of an irradiance depends on that of the frame before.
 
 use formfactor::kernel::view::{is_needed, needed};
 use runtime::executor::{Executor, ExecutorError};
@@ -24,14 +24,14 @@ pub const PASS: &str = "view";
 /// The passes, and for what view and what light they are.
 #[derive(Clone, Debug)]
 pub struct View {
-    /// The passes that find out what is in view: the points of the pixels, band by band, then the receivers of points and of
-    /// smoothing.
+    /// The passes that find out what is in view: the points of the pixels, band by band, then the receivers of points
+    /// and of smoothing.
     mark_pixels: Vec<ViewPass>,
     mark_receivers: [WeightPass; 2],
     /// Those that compute it: the quadrants of the receivers, then smoothing and points.
     gathers: Vec<ViewPass>,
     weights: [WeightPass; 2],
-    /// What is zeros at first.
+    /// Buffers that begin as zeros.
     cleared: Vec<BufferId>,
     points: BufferId,
     received: BufferId,
@@ -167,7 +167,8 @@ impl View {
         Ok((count, points.iter().filter(|&&mark| is_needed(mark, self.view)).count()))
     }
 
-    /// Makes the passes ready for a camera, and for another light where it `is_lit_anew`; says whether the camera is another.
+    /// Makes the passes ready for a camera, and for another light where it `is_lit_anew`; says whether the camera is
+    /// another.
     ///
     /// # Errors
     /// What the device says.

@@ -1,5 +1,5 @@
-//! Bakes of worlds larger than memory: patches of voxels and what is merged of them for the distance, and their rows of form
-//! factors, made block by block.
+//! Bakes of worlds larger than memory: patches of voxels and what is merged of them for the distance, and their rows of
+//! form factors, made block by block.
 
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -35,9 +35,9 @@ const MORE_PATCHES: usize = 2;
 /// Bytes of an entry of a row under way: the hit and the entry.
 const ENTRY_BYTES: usize = 24;
 /// Bytes that any bake takes: voxels under way.
-const LEAST_BYTES: usize = 64 << 20;
+const MIN_BYTES: usize = 64 << 20;
 
-/// What changes the bytes of a bake, beside the scene.
+/// Settings that change the bytes of a bake, beside the scene.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct WorldSettings {
     /// The scene as the command line named it.
@@ -61,7 +61,7 @@ impl WorldSettings {
     }
 }
 
-/// What a bake came to.
+/// Result of a bake.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct BakedWorld {
     /// Patches.
@@ -80,14 +80,14 @@ pub struct BakedWorld {
     pub bytes: u64,
 }
 
-/// Memory that a bake takes beside the scene, bytes, if it becomes as many patches as asked for: the patches, which each part has
-/// all of, twice while they are put together, and the rows under way. Jobs of three worlds took a quarter to half of
-/// this and their scene together.
+/// Memory that a bake takes beside the scene, bytes, if it becomes as many patches as asked for: the patches, which
+/// each part has all of, twice while they are put together, and the rows under way. Jobs of three worlds took a quarter
+/// to half of this and their scene together.
 pub fn job_bytes(settings: &WorldSettings) -> u64 {
     let patch = 2 * size_of::<Node>() + POINTS * size_of::<LitPoint>() + PATCH_TABLES;
     let rows = BLOCKS_A_THREAD * rayon::current_num_threads() * BLOCK_ROWS as usize;
     let entries = rows * settings.rays as usize * ENTRY_BYTES;
-    (LEAST_BYTES + 2 * MORE_PATCHES * settings.patch_count * patch + entries) as u64
+    (MIN_BYTES + 2 * MORE_PATCHES * settings.patch_count * patch + entries) as u64
 }
 
 /// Bakes a scene, or a part of it, into a file; goes on where an interrupted run of the same ended.
@@ -106,8 +106,8 @@ pub fn bake(
     bake_on(&mut Cpu::new(), scene, content_hash, (settings, part), path, memory_limit, observer)
 }
 
-/// [`bake`] with a device that traces the rays of rows; the plan that it had goes. Native code as the device leaves them to the
-/// host. Where both find the same hits, so are the bytes.
+/// [`bake`] with a device that traces the rays of rows; the plan that it had goes. Native code as the device leaves
+/// them to the host. Where both find the same hits, so are the bytes.
 ///
 /// # Errors
 /// As [`bake`]; what the device says.
@@ -210,7 +210,7 @@ struct Made {
     resumed: u64,
 }
 
-/// Whether a device traces: the host's own hierarchy is faster than the kernels as native code.
+/// Returns true if a device traces: the host's own hierarchy is faster than the kernels as native code.
 fn is_tracing(device: &dyn Executor) -> bool {
     device.device().kind != DeviceKind::Native
 }

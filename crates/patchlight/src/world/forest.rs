@@ -18,9 +18,9 @@ use crate::observe::{Report, run_phase};
 use transport::{Observer, Phase};
 
 /// Patches of a bake.
-pub const LEAST_PATCHES: usize = 100;
-/// The same at most.
-pub const MOST_PATCHES: usize = 4_000_000;
+pub const MIN_PATCHES: usize = 100;
+/// Upper bound of the number of patches.
+pub const MAX_PATCHES: usize = 4_000_000;
 
 /// Rays from each face of a voxel: 16 meet enough of what is in it, and there are many voxels.
 const FACE_RAYS: u32 = 16;
@@ -30,19 +30,19 @@ const VOXELS_AT_ONCE: usize = 2048;
 const PROBE_SAMPLES_FOR: usize = 10_000;
 /// Trees of the forest, about: what cannot be coarser.
 const ROOTS: usize = 256;
-const MOST_LEVELS: u32 = 10;
+const MAX_LEVELS: u32 = 10;
 /// Points at which an emitter is shared out over the patches, at least and for each voxel's face of its area.
 const EMITTER_POINTS: u32 = 16;
-const MOST_EMITTER_POINTS: f32 = 4096.0;
+const MAX_EMITTER_POINTS: f32 = 4096.0;
 /// A patch serves an axis with a greater cosine than this.
 const SERVES: f32 = 0.2;
 /// Rays of a patch that look for the sky, and the share of them that finds it outdoors.
 const SKY_RAYS: u32 = 64;
-const LEAST_SKY: f32 = 0.08;
+const MIN_SKY: f32 = 0.08;
 /// The bit of a voxel's word in a file that says indoors.
 const INDOORS: u32 = 1 << 31;
 /// Reflectance at most: T has no end at 1.
-const MOST_ALBEDO: f32 = 0.98;
+const MAX_ALBEDO: f32 = 0.98;
 
 /// A place that no light comes to, for lookups only.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -55,14 +55,14 @@ pub struct DarkPatch {
     pub normal: Vec3,
 }
 
-/// What a bake keeps beside nodes and rows.
+/// Data of a bake beside nodes and rows.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Extra {
     /// The voxels.
     pub shape: GridShape,
     /// Voxel of each leaf.
     pub voxels: Vec<u32>,
-    /// Whether a leaf sees next to nothing of the sky: what is indoors and what is not are merged separately.
+    /// Marks leaves that see next to nothing of the sky: what is indoors and what is not are merged separately.
     pub indoors: Vec<bool>,
     /// Emitted exitance of leaves that shine, W/m².
     pub emission: Vec<(u32, Vec3)>,
@@ -74,11 +74,11 @@ pub struct Extra {
 pub struct Forest {
     /// Leaves first.
     pub nodes: Vec<Node>,
-    /// What else a bake keeps.
+    /// Further data of the bake.
     pub extra: Extra,
     /// Points of leaf i: `points[offsets[i]..offsets[i + 1]]`.
     pub points: Vec<LitPoint>,
-    /// Where they begin.
+    /// Start of each.
     pub offsets: Vec<u32>,
     owner: HashMap<u32, [u32; 6]>,
 }
@@ -120,8 +120,8 @@ impl Forest {
             run_phase(observer, Phase::PATCHES, |report| drafts(scene, &grid, settings, memory_limit, report))?;
         let shape = grid.shape;
         drop(grid);
-        if drafts.len() > MOST_PATCHES {
-            let (name, found, limit) = ("patches", drafts.len() as u64, MOST_PATCHES as u64);
+        if drafts.len() > MAX_PATCHES {
+            let (name, found, limit) = ("patches", drafts.len() as u64, MAX_PATCHES as u64);
             return Err(Error::TooManyVoxels { name, found, limit });
         }
         let mut world = Self::assemble(shape, drafts, dark);
@@ -140,8 +140,8 @@ impl Forest {
         &self.points[self.offsets[leaf as usize] as usize..self.offsets[leaf as usize + 1] as usize]
     }
 
-    /// Leaves in the order of their trees: first the block of voxels of a tree, then the axis, then those outdoors before those indoors, then
-    /// Morton's order; so the children of a node follow each other on every level.
+    /// Leaves in the order of their trees: first the block of voxels of a tree, then the axis, then those outdoors
+    /// before those indoors, then Morton's order; so the children of a node follow each other on every level.
     fn assemble(shape: GridShape, mut drafts: Vec<Draft>, dark: Vec<DarkPatch>) -> Self {
         let levels = levels(&shape, &drafts);
         drafts.par_iter_mut().for_each(|d| d.key = key(&shape, d.voxel, axis_of(d.node.normal), d.indoors, levels));
@@ -191,8 +191,8 @@ impl Forest {
         Self { nodes, extra: Extra { shape, voxels, indoors, emission: Vec::new(), dark }, points, offsets, owner }
     }
 
-    /// The leaf that owns a place on the side of a surface with this normal, or [`NONE`]: that of the voxel along an axis that is
-    /// drawn with probability n², as samples are shared out, else along the others, the nearest first.
+    /// The leaf that owns a place on the side of a surface with this normal, or [`NONE`]: that of the voxel along an
+    /// axis that is drawn with probability n², as samples are shared out, else along the others, the nearest first.
     pub fn owner(&self, position: Vec3, normal: Vec3) -> u32 {
         let shape = &self.extra.shape;
         let six = |p: Vec3| self.owner.get(&shape.voxel_at(shape.nearest_coordinates(p)));
@@ -226,7 +226,7 @@ impl Forest {
         let face = self.extra.shape.edges.x * self.extra.shape.edges.y;
         let mut power: HashMap<u32, Vec3> = HashMap::new();
         for e in scene.emitters.iter() {
-            let wanted = (EMITTER_POINTS as f32 * e.area / face).min(MOST_EMITTER_POINTS);
+            let wanted = (EMITTER_POINTS as f32 * e.area / face).min(MAX_EMITTER_POINTS);
             let count = (wanted as u32).max(EMITTER_POINTS);
             let normal = geometry.normal(e.triangle);
             for k in 0..count {
@@ -375,12 +375,12 @@ fn draft(scene: &Scene, set: &PatchSet, k: usize, seed: u32) -> Draft {
         radius,
         normal: patch.normal,
         area: patch.area,
-        albedo: patch.albedo.clamp(Vec3::ZERO, Vec3::splat(MOST_ALBEDO)),
+        albedo: patch.albedo.clamp(Vec3::ZERO, Vec3::splat(MAX_ALBEDO)),
         parent: NO_NODE,
         first_child: 0,
         children: 0,
     };
-    let indoors = sky_seen(scene, &points, hash3(patch.voxel, axis_of(patch.normal) as u32, seed)) < LEAST_SKY;
+    let indoors = sky_seen(scene, &points, hash3(patch.voxel, axis_of(patch.normal) as u32, seed)) < MIN_SKY;
     Draft { key: 0, voxel: patch.voxel, indoors, node, points }
 }
 
@@ -422,7 +422,7 @@ fn merged(children: &[Node], first: u32) -> Node {
 /// Levels above the leaves, so that there are about [`ROOTS`] trees.
 fn levels(shape: &GridShape, drafts: &[Draft]) -> u32 {
     let longest = shape.counts().max_element();
-    let most = (32 - longest.leading_zeros()).min(MOST_LEVELS);
+    let most = (32 - longest.leading_zeros()).min(MAX_LEVELS);
     let roots = |level: u32| {
         let mut found: Vec<u64> =
             drafts.iter().map(|d| key(shape, d.voxel, axis_of(d.node.normal), false, level) >> (3 * level)).collect();
@@ -448,10 +448,10 @@ fn key(shape: &GridShape, voxel: u32, axis: usize, indoors: bool, levels: u32) -
 }
 
 /// Greatest exitance of a patch, W/m²: of the brightest material that can be read, and more.
-const MOST_EXITANCE: f32 = 1e16;
+const MAX_EXITANCE: f32 = 1e16;
 
 fn is_exitance(e: Vec3) -> bool {
-    e.min_element() >= 0.0 && e.max_element() <= MOST_EXITANCE && !e.is_nan()
+    e.min_element() >= 0.0 && e.max_element() <= MAX_EXITANCE && !e.is_nan()
 }
 
 impl Extra {

@@ -15,7 +15,7 @@ use crate::error::Error;
 
 /// The leaves and the levels above them.
 pub struct Levels {
-    /// What pixels see: the leaves, and a last value for what is dark.
+    /// Lookup of pixels: the leaves, and a last value for what is dark.
     pub lookup: Arc<Lookup>,
     /// From the slots of the matrix to the leaves.
     pub tables: Arc<LevelTables>,
@@ -57,8 +57,7 @@ impl Levels {
         self.lookup.bytes() as u64 + self.tables.bytes()
     }
 
-    /// How a camera sees the leaves: [`LevelParams::begins`] in a frame, with jumps that fade, or
-    /// without.
+    /// Parameters of the leaves for a camera: [`LevelParams::begins`] in a frame, with jumps that fade, or without.
     pub fn params(&self, eye: Vec3, begins: bool, jumps: Option<FadeParams>) -> LevelParams {
         let FadeParams { keep, has_jump, display_white, .. } = jumps.unwrap_or_default();
         LevelParams {

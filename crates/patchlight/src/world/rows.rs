@@ -24,7 +24,7 @@ pub struct Rows<'a> {
 }
 
 impl<'a> Rows<'a> {
-    /// Of the leaves of a world.
+    /// Plan for the leaves of a world.
     pub fn new(scene: &'a Scene, world: &'a Forest, settings: &WorldSettings) -> Self {
         let patch = |leaf: usize| {
             let node = &world.nodes[leaf];
@@ -34,7 +34,7 @@ impl<'a> Rows<'a> {
         Self { scene, world, rays: settings.rays, seed: settings.seed, patches }
     }
 
-    /// What the rays of a block of leaves meet, found by a device.
+    /// Hits of the rays of a block of leaves, found by a device.
     ///
     /// # Errors
     /// What the device says.
@@ -42,7 +42,8 @@ impl<'a> Rows<'a> {
         Ok(tracer.hits(&self.surfaces(block, &self.points(head, block)))?)
     }
 
-    /// The records of a block of leaves, by `hits` if a device has found what its rays meet; its random numbers are its own.
+    /// The records of a block of leaves, by `hits` if a device has found what its rays meet; its random numbers are its
+    /// own.
     ///
     /// # Errors
     /// What the estimator says.

@@ -26,11 +26,11 @@ use crate::stage::shade::{self, Indirect, PixelSettings, Shade, Shot};
 const AREA_RAYS: u32 = 4;
 const SKY_RAYS: u32 = 8;
 /// Capacity for lights, at least.
-const LEAST_LIGHTS: usize = 16;
+const MIN_LIGHTS: usize = 16;
 /// Seed of the shadow rays of nodes.
 const NODE_SEED: u32 = 0;
 
-/// What the plan is made for.
+/// Settings that the plan is made for.
 #[derive(Clone, Copy, Debug)]
 pub struct SlotSettings {
     /// Slots of the matrix.
@@ -45,7 +45,7 @@ pub struct SlotSettings {
 pub struct SlotNode<'a> {
     /// Emitted exitance and what it reflects of a constant sky, W/m².
     pub emission: Vec4,
-    /// Where its direct light is measured, at most [`POINTS`].
+    /// Points where its direct light is measured, at most [`POINTS`].
     pub points: &'a [LitPoint],
 }
 
@@ -53,7 +53,7 @@ pub struct SlotNode<'a> {
 pub struct Seen {
     /// Light as it is shown, W/m²; the fourth component is the luminance of the frame before.
     pub shown: Vec4,
-    /// What it has beyond the light that is to be there, W/m².
+    /// Remaining jump, added to the target light, W/m².
     pub offset: Vec4,
 }
 
@@ -98,8 +98,7 @@ struct Pixels {
     shade: Shade,
 }
 
-/// How direct light is measured in worlds: the emission of surfaces is in that of the nodes, and so
-/// is a constant sky.
+/// Parameters of direct light in worlds: the emission of surfaces is in that of the nodes, and so is a constant sky.
 fn world_params(scene: &Scene) -> DirectParams {
     DirectParams {
         emitter_count: 0,
@@ -109,7 +108,7 @@ fn world_params(scene: &Scene) -> DirectParams {
     }
 }
 
-/// The same at the points of nodes.
+/// Parameters of direct light at the points of nodes.
 fn node_params(scene: &Scene, count: u32) -> DirectParams {
     DirectParams { count, seed: NODE_SEED, ..world_params(scene) }
 }
@@ -225,7 +224,7 @@ impl SlotFrame {
     ) -> Result<Self, Error> {
         let mut plan = Plan::new();
         let mut tables = Tables::new();
-        let capacity = scene.lighting.lights.len().next_power_of_two().max(LEAST_LIGHTS);
+        let capacity = scene.lighting.lights.len().next_power_of_two().max(MIN_LIGHTS);
         let scene_tables = SceneTables::new(&mut plan, &mut tables, scene, capacity);
         let lookup = &levels.lookup;
         let lookup_tables = LookupTables::new(&mut plan, &mut tables, lookup);

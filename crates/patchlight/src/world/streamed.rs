@@ -25,7 +25,7 @@ use crate::picture::Picture;
 
 /// Nodes that are in no cut, but whose points are kept: they are about to be.
 const SPARE_POINTS: usize = 1024;
-/// How long the first frame waits for a disk from which nothing comes.
+/// Time that the first frame waits for a disk from which nothing comes.
 const PATIENCE: Duration = Duration::from_secs(120);
 /// Slots are so many at a time: rows of the matrix on a device are whole vectors.
 const SLOT_STEP: usize = 4;
@@ -33,11 +33,11 @@ const SLOT_STEP: usize = 4;
 /// Settings of [`Streamed`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct StreamSettings {
-    /// Of the matrix.
+    /// Settings of the matrix.
     pub local: LocalSettings,
     /// Frames for which the camera's path is predicted.
     pub predicted_frames: f32,
-    /// Whether each frame waits for all changes, whatever their number and the disk.
+    /// Waits for all changes in each frame, whatever their number and the disk.
     pub at_rest: bool,
     /// Bytes of blocks of rows that stay in memory.
     pub cache: usize,
@@ -45,12 +45,11 @@ pub struct StreamSettings {
     pub sub_frames: u32,
     /// Picture size, pixels.
     pub size: (u32, u32),
-    /// Whether [`StreamFrame::change`] and [`StreamFrame::behind`] are measured, for which a frame
-    /// waits for its first sub-frame.
+    /// Measures [`StreamFrame::change`] and [`StreamFrame::behind`], for which a frame waits for its first sub-frame.
     pub is_measured: bool,
 }
 
-/// What a frame took and did.
+/// Report of a frame.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct StreamFrame {
     /// Milliseconds of direct light, of changes of the matrix, of the product, of what pixels take
@@ -64,7 +63,7 @@ pub struct StreamFrame {
     pub lookup_ms: f64,
     /// Pixels.
     pub shade_ms: f64,
-    /// What the matrix did.
+    /// Changes of the matrix.
     pub step: Step,
     /// Nodes that stand for the world.
     pub nodes: usize,
@@ -73,8 +72,7 @@ pub struct StreamFrame {
     /// Change of displayed values at the same places since the frame before that one pixel of a
     /// thousand exceeds, in 255ths.
     pub change: Option<f64>,
-    /// What displayed values still lack of the light that they are to have, as jumps fade; one
-    /// pixel of a hundred lacks more, in 255ths.
+    /// Difference of displayed values from their target, as jumps fade; one pixel of a hundred lacks more, in 255ths.
     pub behind: Option<f64>,
 }
 
@@ -381,8 +379,7 @@ fn timed(milliseconds: &mut f64, start: Instant) {
     *milliseconds += start.elapsed().as_secs_f64() * 1e3;
 }
 
-/// How much the displayed value of a surface has changed since the frame before, and how much it
-/// lacks of what it is to have, in 255ths.
+/// Change of a surface's displayed value since the frame before, and its distance from the target, in 255ths.
 fn moves(seen: &Seen, scale: f32) -> [f32; 2] {
     let now = luminance(seen.shown.truncate());
     let rest = luminance(seen.offset.truncate());
@@ -395,7 +392,7 @@ fn displayed(irradiance: f32, scale: f32) -> f32 {
     255.0 * encode_srgb((radiance * scale).clamp(0.0, 1.0))
 }
 
-/// What one of so many values exceeds.
+/// Value that one of so many values exceeds.
 fn all_but(values: &mut [f32], one_of: usize) -> Option<f64> {
     let place = values.len().checked_sub(values.len() / one_of + 1)?;
     Some(f64::from(*values.select_nth_unstable_by(place, f32::total_cmp).1))

@@ -1,5 +1,5 @@
-//! Faults that a person sees and that means over blocks forgive: noise, leaks, stains and blotches, as shares of pixels, and
-//! pictures that mark them.
+//! Faults that a person sees and that means over blocks forgive: noise, leaks, stains and blotches, as shares of
+//! pixels, and pictures that mark them.
 //!
 //! | fault | pixels that count |
 //! |---|---|
@@ -7,8 +7,9 @@
 //! | stain | darker than the reference by more than 25 % of the reference's value |
 //! | noise | displayed values of two pictures differ by more than 1/255 in some channel |
 //!
-//! A blotch is a relative error that stays after means over squares; its 95th percentile over all squares counts. Light is
-//! luminance. Where the standard error of the reference is known, a difference of at most three of them counts as none.
+//! A blotch is a relative error that stays after means over squares; its 95th percentile over all squares counts. Light
+//! is luminance. Where the standard error of the reference is known, a difference of at most three of them counts as
+//! none.
 
 use std::ops::Range;
 
@@ -34,7 +35,7 @@ const ABOUT: u32 = 3;
 /// Edges of the squares over which blotches are looked for, pixels.
 pub const BLOTCH_EDGES: [u32; 3] = [16, 32, 64];
 
-/// What a picture should be.
+/// Reference for the judgement of a picture.
 #[derive(Clone, Copy, Debug)]
 pub struct Judge<'a> {
     /// The reference, W/m²/sr.
@@ -55,15 +56,15 @@ pub struct Faults {
     /// 95th percentile of the relative errors of means over 32 × 32 pixels; none of smaller pictures.
     #[serde(skip_serializing_if = "Option::is_none", default)]
     pub blotch_p95: Option<f64>,
-    /// The same over 16 × 16 pixels.
+    /// 95th percentile over 16 × 16 pixels.
     #[serde(skip_serializing_if = "Option::is_none", default)]
     pub blotch_16_p95: Option<f64>,
-    /// The same over 64 × 64 pixels.
+    /// 95th percentile over 64 × 64 pixels.
     #[serde(skip_serializing_if = "Option::is_none", default)]
     pub blotch_64_p95: Option<f64>,
 }
 
-/// What is wrong with a pixel.
+/// Fault of a pixel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Fault {
     /// Too bright.
@@ -72,7 +73,7 @@ pub enum Fault {
     Stain,
 }
 
-/// Where the noise of a reference hides faults.
+/// Noise of a reference, where it hides faults.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ReferenceNoise {
     /// Median over the pixels of the relative standard error.
@@ -84,7 +85,7 @@ pub struct ReferenceNoise {
 }
 
 impl<'a> Judge<'a> {
-    /// Of a picture alone: nothing is known of its noise, and all its light is what leaks are measured by.
+    /// Judge by a picture alone: nothing is known of its noise, and all its light is what leaks are measured by.
     pub fn new(reference: &'a Picture) -> Self {
         Self { reference, standard_error: None, mean_light: f64::from(luminance(reference.mean())) }
     }
@@ -94,9 +95,9 @@ impl<'a> Judge<'a> {
         (LEAK * self.mean_light, STAIN * reference)
     }
 
-    /// Greatest difference of each pixel that counts as none: [`SURE`] times its standard error, or the median of those of
-    /// the 7 × 7 pixels about, if that is more. A pixel that a rare bright path missed has both too little light and too
-    /// small a spread; its neighbours know better.
+    /// Greatest difference of each pixel that counts as none: [`SURE`] times its standard error, or the median of those
+    /// of the 7 × 7 pixels about, if that is more. A pixel that a rare bright path missed has both too little light and
+    /// too small a spread; its neighbours know better.
     fn doubts(&self) -> Vec<f64> {
         let Some(error) = self.standard_error else { return vec![0.0; self.reference.pixels.len()] };
         let own = |x: u32, y: u32| f64::from(luminance(error.pixels[(y * error.width + x) as usize]));
@@ -121,7 +122,7 @@ impl<'a> Judge<'a> {
         check_mask(ours, mask)
     }
 
-    /// What is wrong with each pixel of a picture, row by row.
+    /// Fault of each pixel of a picture, row by row.
     ///
     /// # Errors
     /// The pictures differ in size or hold numbers that are not finite.
@@ -145,7 +146,8 @@ impl<'a> Judge<'a> {
         Ok((0..ours.pixels.len()).map(fault).collect())
     }
 
-    /// Leaks, stains and blotches of a picture. Pixels whose `mask` is false are left out, and so are squares that hold one.
+    /// Leaks, stains and blotches of a picture. Pixels whose `mask` is false are left out, and so are squares that hold
+    /// one.
     ///
     /// # Errors
     /// The pictures differ in size or hold numbers that are not finite; the mask has another length or leaves nothing.
@@ -176,7 +178,7 @@ impl<'a> Judge<'a> {
         })
     }
 
-    /// How much the noise of the reference hides; none where it is not known.
+    /// Noise of the reference that hides faults; none where it is not known.
     pub fn noise(&self) -> Option<ReferenceNoise> {
         self.standard_error?;
         let count = self.reference.pixels.len();
@@ -198,8 +200,9 @@ impl<'a> Judge<'a> {
         })
     }
 
-    /// Relative errors of the means over all squares of `edge` × `edge` pixels, by upper left corners row by row: positive where
-    /// ours is brighter, 0 where the noise of the reference explains it, none where the square is dark or masked.
+    /// Relative errors of the means over all squares of `edge` × `edge` pixels, by upper left corners row by row:
+    /// positive where ours is brighter, 0 where the noise of the reference explains it, none where the square is dark
+    /// or masked.
     fn square_errors(&self, ours: &Picture, edge: u32, mask: Option<&[bool]>) -> Vec<Option<f64>> {
         let light = |picture: &Picture| -> Vec<f64> {
             let pixels = picture.pixels.iter();
@@ -230,8 +233,8 @@ impl<'a> Judge<'a> {
         (0..own.len()).map(error).collect()
     }
 
-    /// Our picture in grey with leaks in red and stains in blue; to be shown without exposure. `scale` is the exposure of the
-    /// grey.
+    /// Our picture in grey with leaks in red and stains in blue; to be shown without exposure. `scale` is the exposure
+    /// of the grey.
     ///
     /// # Errors
     /// As [`Judge::fault_map`].
@@ -245,8 +248,9 @@ impl<'a> Judge<'a> {
         Ok(marked(ours, scale, self.fault_map(ours)?.iter().map(colour)))
     }
 
-    /// Relative errors of the means over the squares about each pixel: white where equal, red where ours is brighter, blue
-    /// where it is darker, full colour at ± `range`; grey where there is no such square. To be shown without exposure.
+    /// Relative errors of the means over the squares about each pixel: white where equal, red where ours is brighter,
+    /// blue where it is darker, full colour at ± `range`; grey where there is no such square. To be shown without
+    /// exposure.
     ///
     /// # Errors
     /// As [`Judge::faults`].
@@ -275,8 +279,8 @@ const MAGENTA: Vec3 = Vec3::new(1.0, 0.0, 0.7);
 /// Greatest value of what is not marked.
 const DIMMED: f32 = 0.6;
 
-/// Share of the pixels whose displayed values, exposed by `scale`, differ by more than 1/255 in some channel. Pixels whose
-/// `mask` is false are left out.
+/// Share of the pixels whose displayed values, exposed by `scale`, differ by more than 1/255 in some channel. Pixels
+/// whose `mask` is false are left out.
 ///
 /// # Errors
 /// The pictures differ in size or hold numbers that are not finite; the mask has another length or leaves nothing.
@@ -328,7 +332,7 @@ fn about(at: u32, length: u32) -> Range<u32> {
     at.saturating_sub(ABOUT)..(at + ABOUT + 1).min(length)
 }
 
-/// How many squares of an edge fit beside each other, each one pixel further.
+/// Number of squares of an edge that fit beside each other, each one pixel further.
 fn squares(length: u32, edge: u32) -> u32 {
     (length + 1).saturating_sub(edge)
 }

@@ -1,5 +1,5 @@
-//! Recipe of `firstshot`: photons of a device, registered there, and what follows from their sums. Nothing is read back but
-//! a pair of numbers for some 64 groups, where the error decides how many photons there are.
+//! Recipe of `firstshot`: photons of a device, registered there, and what follows from their sums. Nothing is read back
+//! but a pair of numbers for some 64 groups, where the error decides how many photons there are.
 
 use firstshot::kernel::judge::JUDGED;
 use firstshot::{
@@ -14,7 +14,7 @@ use super::{Bindings, Named, add_pass};
 use crate::executor::{Executor, ExecutorError};
 use crate::plan::{BufferId, PassId, Plan};
 
-/// What photons are registered on, and what it becomes.
+/// Buffers that photons are registered in, and their results.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct PhotonTargets {
     /// Number of cells.
@@ -43,8 +43,9 @@ pub struct PhotonPasses {
 }
 
 impl PhotonPasses {
-    /// Adds the passes to a plan, with room for `capacity` elements that photons start from. `maps` are the bindings `grids`,
-    /// `groups`, `group_areas`, `cell_start`, `cells`, `element_areas`, and `irradiance`, where that of the elements goes.
+    /// Adds the passes to a plan, with room for `capacity` elements that photons start from. `maps` are the bindings
+    /// `grids`, `groups`, `group_areas`, `cell_start`, `cells`, `element_areas`, and `irradiance`, where that of the
+    /// elements goes.
     ///
     /// # Errors
     /// Buffers that are missing or too short.
@@ -80,7 +81,7 @@ impl PhotonPasses {
         Ok(Self { trace, judge, resolve, alias, elements, flux, tallies, judged, targets, capacity })
     }
 
-    /// Whether there is room for what photons start from.
+    /// Returns true if there is room for what photons start from.
     pub fn fits(&self, emission: &Emission) -> bool {
         emission.elements.len() <= self.capacity
     }
@@ -126,7 +127,8 @@ impl PhotonPasses {
         Ok(relative_error(judged.into_iter()))
     }
 
-    /// Submits the irradiance of the elements from what was registered, with the mean flux of a photon, W; waits for nothing.
+    /// Submits the irradiance of the elements from what was registered, with the mean flux of a photon, W; waits for
+    /// nothing.
     ///
     /// # Errors
     /// What the device says.

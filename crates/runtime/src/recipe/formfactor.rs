@@ -1,5 +1,5 @@
-//! Recipes of `formfactor`: first exitance from samples, products with sparse rows and with counts of hits, bounces, and
-//! irradiance between interpolation points.
+//! Recipes of `formfactor`: first exitance from samples, products with sparse rows and with counts of hits, bounces,
+//! and irradiance between interpolation points.
 
 use std::ops;
 use std::sync::Arc;
@@ -87,8 +87,8 @@ pub struct ViewRows {
     pub computed: Range,
 }
 
-/// Adds the pass that marks the interpolation points that the pixels of a view take light from. Bindings: `hits`, `points`,
-/// `triangles`, `grids`, `receiver_cells`, `vertices`, `marks`.
+/// Adds the pass that marks the interpolation points that the pixels of a view take light from. Bindings: `hits`,
+/// `points`, `triangles`, `grids`, `receiver_cells`, `vertices`, `marks`.
 ///
 /// # Errors
 /// Buffers that are missing or too short.
@@ -97,7 +97,7 @@ pub fn mark_pixels(plan: &mut Plan, pass: &str, bindings: Bindings, pixels: u32)
     Ok(ViewPass { pass: add_pass(plan, pass, &table::FORMFACTOR_MARK_PIXELS, bindings, &[], &params, pixels)?, params })
 }
 
-/// What a bounce works on, each with one RGB value a patch (or element): albedo ρ, first exitance E and irradiance H in,
+/// Buffers of a bounce, each with one RGB value a patch (or element): albedo ρ, first exitance E and irradiance H in,
 /// exitance B out; E, H and B in W/m².
 #[derive(Clone, Copy, Debug)]
 pub struct Surfaces {
@@ -144,8 +144,8 @@ impl Surfaces {
 }
 
 /// Adds the pass that finds the first exitance of elements from the direct light at their samples:
-/// `E = ρ Σ_k w_k H_d,k + emission`, W/m². Bindings: `points`, `offsets`, `direct`, `albedo` (of the samples), `emission`,
-/// `source`.
+/// `E = ρ Σ_k w_k H_d,k + emission`, W/m². Bindings: `points`, `offsets`, `direct`, `albedo` (of the samples),
+/// `emission`, `source`.
 ///
 /// # Errors
 /// Buffers that are missing or too short.
@@ -173,7 +173,7 @@ pub fn interpolate(plan: &mut Plan, pass: &str, bindings: Bindings, pixels: u32)
 /// Rays that are traced together, of as many rows as have them, or of one row.
 const RAYS_TOGETHER: u32 = 1 << 20;
 
-/// What the hemisphere rays of rows meet, found by a device: its plan holds the scene and the points of the rows.
+/// Traces the hemisphere rays of rows on a device: its plan holds the scene and the points of the rows.
 pub struct RowTracer<'a> {
     executor: &'a mut (dyn Executor + 'static),
     pass: PassId,
@@ -184,8 +184,8 @@ pub struct RowTracer<'a> {
 }
 
 impl<'a> RowTracer<'a> {
-    /// Loads the scene and the rows of `surfaces`, each with `rays` rays. Of each triangle `grids` numbers the cells, of each
-    /// cell `cell_columns` names the column that owns it.
+    /// Loads the scene and the rows of `surfaces`, each with `rays` rays. Of each triangle `grids` numbers the cells,
+    /// of each cell `cell_columns` names the column that owns it.
     ///
     /// # Errors
     /// What the device says: a scene too large for it, say.
@@ -225,8 +225,8 @@ impl<'a> RowTracer<'a> {
         Ok(Self { executor, pass, ids, params, rows })
     }
 
-    /// Columns of what the rays of some rows meet, row by row: a patch, the number of patches for the sky, one more for what
-    /// no patch owns. Waits.
+    /// Columns of what the rays of some rows meet, row by row: a patch, the number of patches for the sky, one more for
+    /// what no patch owns. Waits.
     ///
     /// # Errors
     /// What the device says.
@@ -246,7 +246,7 @@ impl<'a> RowTracer<'a> {
     }
 }
 
-/// What the hemisphere rays of rows meet, found by a device: its plan holds the scene, rows come and go.
+/// Traces the hemisphere rays of rows on a device: its plan holds the scene, rows come and go.
 pub struct SurfaceTracer<'a> {
     executor: &'a mut (dyn Executor + 'static),
     pass: PassId,
@@ -285,7 +285,7 @@ impl<'a> SurfaceTracer<'a> {
         Ok(Self { executor, pass, offsets, points, hits, rays })
     }
 
-    /// What the rays of all rows of `surfaces` meet, row by row. Waits.
+    /// Hits of the rays of all rows of `surfaces`, row by row. Waits.
     ///
     /// # Errors
     /// More rows or points than there is room for; what the device says.
@@ -344,7 +344,8 @@ impl HitTables {
         }
     }
 
-    /// Adds the passes of `irradiance = F exitance`, as many as it takes for no binding to show more than `range` bytes.
+    /// Adds the passes of `irradiance = F exitance`, as many as it takes for no binding to show more than `range`
+    /// bytes.
     ///
     /// # Errors
     /// Buffers that are too short.

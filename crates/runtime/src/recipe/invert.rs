@@ -1,4 +1,5 @@
-//! Recipe of `multibounce_eliminate`: the inverse of a symmetric positive definite matrix on the device, block by block.
+//! Recipe of `multibounce_eliminate`: the inverse of a symmetric positive definite matrix on the device, block by
+//! block.
 
 use gpu_kernels::table::{MULTIBOUNCE_ELIMINATE, MULTIBOUNCE_PIVOT_ROWS, MULTIBOUNCE_SCALED_ROWS};
 use multibounce::InvertParams;
@@ -12,8 +13,8 @@ use crate::plan::{BufferId, PassId, Plan};
 /// Rows of a block.
 pub const BLOCK: usize = PIVOT_ROWS as usize;
 
-/// A matrix on a device that becomes its inverse ([`multibounce::kernel::invert`]): `size` × `size` numbers, and three times 64
-/// rows. The inverse of each block of 64 × 64 numbers on the diagonal comes from the caller.
+/// A matrix on a device that becomes its inverse ([`multibounce::kernel::invert`]): `size` × `size` numbers, and three
+/// times 64 rows. The inverse of each block of 64 × 64 numbers on the diagonal comes from the caller.
 pub struct Inverse {
     size: usize,
     row_bytes: u64,
@@ -28,7 +29,7 @@ pub struct Inverse {
 struct Panel {
     first_row: usize,
     rows: usize,
-    /// Of the block that is eliminated alone, and of its rows.
+    /// Pass of the block that is eliminated alone, and of its rows.
     pivot_block: PassId,
     pivot_rows: PassId,
     eliminate: PassId,
@@ -93,8 +94,8 @@ impl Inverse {
         self.size / BLOCK
     }
 
-    /// Puts rows of the matrix on the device, from `first_row` on; each has [`Self::size`] entries. Those beyond n are rows of the
-    /// identity.
+    /// Puts rows of the matrix on the device, from `first_row` on; each has [`Self::size`] entries. Those beyond n are
+    /// rows of the identity.
     ///
     /// # Errors
     /// Rows that do not fit; what the device says.

@@ -1,8 +1,8 @@
-//! Recipe of the light of a streamed world: from the slots of the matrix to its leaves as a camera sees them, near by of their own
-//! nodes, further off of merged ones.
+//! Recipe of the light of a streamed world: from the slots of the matrix to its leaves as a camera sees them, near by
+//! of their own nodes, further off of merged ones.
 //!
-//! A leaf is a patch of the world, a node a leaf or several of them merged, a slot a row of the matrix, which holds one node. Nodes
-//! that are merged equally often are a level.
+//! A leaf is a patch of the world, a node a leaf or several of them merged, a slot a row of the matrix, which holds one
+//! node. Nodes that are merged equally often are a level.
 
 use std::sync::Arc;
 
@@ -23,7 +23,7 @@ const LEVEL_STEP: usize = 64;
 
 /// A level of merged nodes.
 pub struct Level {
-    /// Of its nodes outdoors and of those indoors, where there are any; they number all nodes of the level.
+    /// Lookups of its nodes outdoors and of those indoors, where there are any; they number all nodes of the level.
     pub lookups: [Option<Lookup>; 2],
     /// The nodes of the level below that each is merged of: first and end.
     pub children: Vec<UVec2>,
@@ -37,7 +37,7 @@ pub struct Leaves {
     pub points: Vec<SurfacePoint>,
     /// Areas, m².
     pub area: Vec<f32>,
-    /// What a constant sky sends each, W/m²; empty where there is none.
+    /// Irradiance from a constant sky, W/m², for each; empty where there is none.
     pub sky: Vec<Vec4>,
 }
 
@@ -45,10 +45,10 @@ pub struct Leaves {
 pub struct LevelTables {
     leaves: Vec<SurfacePoint>,
     sky: Vec<Vec4>,
-    /// Where the values of each level begin, of the leaves first; and how many there are.
+    /// First value of each level, of the leaves first; and the number of values.
     first: Vec<usize>,
     counts: Vec<usize>,
-    /// Of all values, and of the children of the nodes of each level.
+    /// Areas of all values, and of the children of the nodes of each level.
     area: Vec<f32>,
     children: Vec<Vec<UVec2>>,
     /// Two of each level, in common tables.
@@ -124,8 +124,8 @@ pub struct LeafLight {
 }
 
 impl LeafLight {
-    /// Adds the passes: the irradiance of the slots and of the sky at each leaf, means over merged nodes, and of these what is
-    /// shown, W/m². Shapes: `irradiance[slots]`; `shown` and `offset`, one a leaf or more.
+    /// Adds the passes: the irradiance of the slots and of the sky at each leaf, means over merged nodes, and of these
+    /// what is shown, W/m². Shapes: `irradiance[slots]`; `shown` and `offset`, one a leaf or more.
     ///
     /// # Errors
     /// Buffers that are too short.

@@ -32,7 +32,7 @@ pub struct SlotMatrix {
     buffers: SlotBuffers,
     product: Vec<PassId>,
     updates: [PassId; 3],
-    /// Where blocks of lit slots begin in their list; at the end their number.
+    /// Start of each block of lit slots in their list; at the end their number.
     lit_starts: BufferId,
 }
 
@@ -67,9 +67,9 @@ fn words(count: usize) -> u64 {
 }
 
 impl SlotMatrix {
-    /// Adds the passes of the product `H_i = Σ_j T̂_ij √a_j E_j / √a_i` over the slots ([`localmatrix::kernel::gather`]), W/m²,
-    /// and those that change the matrix. Shapes: `exitance[slots]`, a multiple of 4 slots. Run [`Self::product`] once
-    /// [`Self::upload`] has put the matrix on the device.
+    /// Adds the passes of the product `H_i = Σ_j T̂_ij √a_j E_j / √a_i` over the slots
+    /// ([`localmatrix::kernel::gather`]), W/m², and those that change the matrix. Shapes: `exitance[slots]`, a multiple
+    /// of 4 slots. Run [`Self::product`] once [`Self::upload`] has put the matrix on the device.
     ///
     /// # Errors
     /// Buffers that are too short.
@@ -114,8 +114,8 @@ impl SlotMatrix {
         self.upload_places(executor, matrix)
     }
 
-    /// Changes the matrix on the device as the host's was since the last time. Where patches came or went, slots hold others:
-    /// [`Self::upload_places`].
+    /// Changes the matrix on the device as the host's was since the last time. Where patches came or went, slots hold
+    /// others: [`Self::upload_places`].
     ///
     /// # Errors
     /// What the device says.
@@ -237,7 +237,8 @@ impl LeafBuffers {
 }
 
 impl MatrixCopy {
-    /// Adds the passes between the first exitance of the patches and their irradiance, W/m². They are run by [`Self::frame`].
+    /// Adds the passes between the first exitance of the patches and their irradiance, W/m². They are run by
+    /// [`Self::frame`].
     ///
     /// # Errors
     /// Buffers that are too short.
@@ -281,8 +282,8 @@ impl MatrixCopy {
         Ok(Self { slots, leaves: b, order, product, before, now, fade, show, is_there: false })
     }
 
-    /// Changes of the matrix, and irradiance of the patches; milliseconds of the host's part of the changes. Nothing is waited
-    /// for.
+    /// Changes of the matrix, and irradiance of the patches; milliseconds of the host's part of the changes. Nothing is
+    /// waited for.
     ///
     /// # Errors
     /// What the device and the matrix say.

@@ -1,4 +1,5 @@
-//! Recipes of `multibounce`: products with an operator, however it is stored, and bounces that use where light was going.
+//! Recipes of `multibounce`: products with an operator, however it is stored, and bounces that use where light was
+//! going.
 
 mod blocks;
 mod dense;
@@ -132,5 +133,5 @@ pub(super) fn reorder(
 
 /// The gathering kernel of dense operators in single precision.
 const DENSE: &Kernel = &table::FORMFACTOR_GATHER;
-/// The same in half precision.
+/// Kernel for half precision.
 const HALF: &Kernel = &table::FORMFACTOR_GATHER_HALF;

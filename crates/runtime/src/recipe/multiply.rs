@@ -10,9 +10,9 @@ use crate::plan::{BufferId, PassId, Plan, Range};
 /// Columns of a tile: matrices on the device have a multiple of them.
 pub const TILE_COLUMNS: usize = 4 * TILE_VECTORS as usize;
 
-/// Products and their sums of a run at most: few enough that drivers take no run for one that hangs, and that work can be
-/// cancelled.
-const MOST_PRODUCTS: usize = 1 << 34;
+/// Products and their sums of a run at most: few enough that drivers take no run for one that hangs, and that work can
+/// be cancelled.
+const MAX_PRODUCTS: usize = 1 << 34;
 
 /// The products `T_{k+1} = F + F diag(ρ) T_k` on a device: F, T_k and T_{k+1}, each of `size` × `size` numbers.
 pub struct Products {
@@ -24,7 +24,7 @@ pub struct Products {
     passes: [Vec<Vec<PassId>>; 3],
 }
 
-/// How a product is cut into passes.
+/// Division of a product into passes.
 struct Cut {
     size: usize,
     row_bytes: u64,
@@ -94,7 +94,7 @@ impl Products {
         self.passes[if step == 0 { 0 } else { 2 - step % 2 }].iter().map(Vec::as_slice)
     }
 
-    /// Where so many steps end.
+    /// Buffer of the result after so many steps.
     pub fn result(&self, steps: usize) -> BufferId {
         self.operators[(steps + 1) % 2]
     }
@@ -106,7 +106,7 @@ impl Cut {
         let row_bytes = (size * size_of::<f32>()) as u64;
         let tile_rows = TILE_ROWS as usize;
         let bound = usize::try_from(range / row_bytes.max(1)).unwrap_or(usize::MAX).min(size);
-        let most_rows = bound.min(MOST_PRODUCTS / (size * size).max(1));
+        let most_rows = bound.min(MAX_PRODUCTS / (size * size).max(1));
         let rows_at_once = (most_rows / tile_rows * tile_rows).max(tile_rows);
         let inner_at_once = (bound / 4 * 4).max(4);
         Self { size, row_bytes, rows_at_once, inner_at_once }

@@ -61,9 +61,9 @@ pub struct WeightPass {
 }
 
 impl WeightTables {
-    /// Puts the weights on the device; `name` is for messages and the printed graph. Of the numbers that the passes bind as
-    /// `received` the first are the irradiance of the four quadrants of each receiver, and from `first_value` on stand the
-    /// values of the receivers, each the sum of `parts` numbers.
+    /// Puts the weights on the device; `name` is for messages and the printed graph. Of the numbers that the passes
+    /// bind as `received` the first are the irradiance of the four quadrants of each receiver, and from `first_value`
+    /// on stand the values of the receivers, each the sum of `parts` numbers.
     pub fn new(
         plan: &mut Plan,
         tables: &mut Tables,

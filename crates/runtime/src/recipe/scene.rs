@@ -5,7 +5,7 @@ use gpu_kernels::params::{
     CountParams, FollowParams, MediumDirectParams, MediumLargeParams, PixelParams, ToneMapParams,
 };
 use gpu_kernels::table::{self, Kernel};
-use scene::{DirectParams, EmitterGroup, LargeParams, Light, MOST_EMITTER_GROUPS, Scene, ShareParams};
+use scene::{DirectParams, EmitterGroup, LargeParams, Light, MAX_EMITTER_GROUPS, Scene, ShareParams};
 
 use super::{Bindings, Named, Tables, add_pass};
 use crate::executor::{Executor, ExecutorError};
@@ -26,8 +26,7 @@ pub struct SceneTables {
     medium: PassMedium,
 }
 
-/// What is between the surfaces of a scene, by which passes of direct light have one kernel or another, and push constants of one
-/// type or another.
+/// Medium between the surfaces of a scene, which decides the kernels and push constants of direct light.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct PassMedium {
     /// Absorption, 1/m; 0 for air.
@@ -100,7 +99,7 @@ impl SceneTables {
         ];
         let materials = plan.storage_for("materials", &scene.materials);
         let emitters = plan.storage_for("emitters", &scene.emitters);
-        let groups = plan.storage("groups", (MOST_EMITTER_GROUPS * size_of::<EmitterGroup>()) as u64);
+        let groups = plan.storage("groups", (MAX_EMITTER_GROUPS * size_of::<EmitterGroup>()) as u64);
         let sky = plan.storage_for("sky", &[scene.lighting.sky]);
         let sky_map = plan.storage_for("sky_map", &scene.lighting.sky_map);
         let distributions = plan.storage_for("distributions", &scene.lighting.distributions);
@@ -124,7 +123,7 @@ impl SceneTables {
         &self.named
     }
 
-    /// What is between the surfaces.
+    /// Medium between the surfaces.
     pub fn medium(&self) -> PassMedium {
         self.medium
     }
@@ -134,7 +133,7 @@ impl SceneTables {
         self.light_capacity
     }
 
-    /// Whether the tables of what shines in a scene have the sizes of those on the device.
+    /// Returns true if the tables of a scene's light sources have the sizes of those on the device.
     ///
     /// # Errors
     /// Buffers of another plan.
@@ -180,7 +179,7 @@ impl SceneTables {
         executor.upload(self.sky_map, &scene.lighting.sky_map[..])?;
         executor.upload(self.materials, &scene.materials[..])?;
         let mut groups = scene.emitter_groups.to_vec();
-        groups.resize(MOST_EMITTER_GROUPS, EmitterGroup::default());
+        groups.resize(MAX_EMITTER_GROUPS, EmitterGroup::default());
         executor.upload(self.groups, &groups)?;
         executor.upload(self.emitters, &scene.emitters[..])
     }
@@ -217,8 +216,9 @@ impl SceneTables {
         }
     }
 
-    /// Adds the pass of the share of each changed light's colour that arrives at points. `params.light_count` is the number of
-    /// changed lights. Bindings: `points`, `changed` (their numbers), `shares` and `occluders` (`light_capacity · count`).
+    /// Adds the pass of the share of each changed light's colour that arrives at points. `params.light_count` is the
+    /// number of changed lights. Bindings: `points`, `changed` (their numbers), `shares` and `occluders`
+    /// (`light_capacity · count`).
     ///
     /// # Errors
     /// Buffers that are missing or too short.
@@ -232,8 +232,8 @@ impl SceneTables {
         add_pass(plan, pass, &table::SCENE_DIRECT_SHARES, bindings, &self.named, params, params.count)
     }
 
-    /// Adds the pass of direct irradiance at points, W/m², from the shares of the lights. Bindings: `shares`, `surroundings`
-    /// (what emitters and sky send there, W/m²), `irradiance`.
+    /// Adds the pass of direct irradiance at points, W/m², from the shares of the lights. Bindings: `shares`,
+    /// `surroundings` (what emitters and sky send there, W/m²), `irradiance`.
     ///
     /// # Errors
     /// Buffers that are missing or too short.
@@ -247,8 +247,8 @@ impl SceneTables {
         add_pass(plan, pass, &table::SCENE_ADD_LIGHTS, bindings, &self.named, params, params.count)
     }
 
-    /// Adds the pass of irradiance at points from the sky and from parallel, point and spot lights, W/m². Bindings: `points`,
-    /// `from_sky`, `irradiance`.
+    /// Adds the pass of irradiance at points from the sky and from parallel, point and spot lights, W/m². Bindings:
+    /// `points`, `from_sky`, `irradiance`.
     ///
     /// # Errors
     /// Buffers that are missing or too short.
@@ -263,8 +263,8 @@ impl SceneTables {
     }
 
     /// Adds the passes of a sub-frame's radiance from rectangles and emitters, W/m²/sr: were nothing in the way, and of
-    /// samples of it, those that are seen, as far as the medium leaves them, and all. Bindings: `hits`, `albedo`, `points`, `open`,
-    /// `seen`, `sampled`.
+    /// samples of it, those that are seen, as far as the medium leaves them, and all. Bindings: `hits`, `albedo`,
+    /// `points`, `open`, `seen`, `sampled`.
     ///
     /// # Errors
     /// Buffers that are missing or too short.
@@ -330,7 +330,8 @@ impl SceneTables {
         add_pass(plan, pass, &table::SCENE_FOLLOW, bindings, &self.named, params, params.count)
     }
 
-    /// Adds the pass of the points that these rays show, and of the albedo there. Bindings: `hits`, `chains`, `points`, `albedo`.
+    /// Adds the pass of the points that these rays show, and of the albedo there. Bindings: `hits`, `chains`, `points`,
+    /// `albedo`.
     ///
     /// # Errors
     /// Buffers that are missing or too short.
@@ -375,8 +376,8 @@ impl SceneTables {
         add_pass(plan, pass, &table::SCENE_ALBEDO, bindings, &self.named, &count, pixels)
     }
 
-    /// Adds the pass that adds the radiance of a sub-frame to the sum of each pixel, W/m²/sr. Bindings: `hits`, `albedo`,
-    /// `direct`, `indirect`, `sum`.
+    /// Adds the pass that adds the radiance of a sub-frame to the sum of each pixel, W/m²/sr. Bindings: `hits`,
+    /// `albedo`, `direct`, `indirect`, `sum`.
     ///
     /// # Errors
     /// Buffers that are missing or too short.
@@ -411,8 +412,9 @@ pub fn load_scene<T>(
     Ok(added)
 }
 
-/// Adds the pass that adds the radiance from rectangles and emitters to the sums of pixels, W/m²/sr: with nothing in the way,
-/// times the share of the samples that is seen. Bindings: `points`, `open`, `seen`, `sampled`, `full`, `direct`.
+/// Adds the pass that adds the radiance from rectangles and emitters to the sums of pixels, W/m²/sr: with nothing in
+/// the way, times the share of the samples that is seen. Bindings: `points`, `open`, `seen`, `sampled`, `full`,
+/// `direct`.
 ///
 /// # Errors
 /// Buffers that are missing or too short.

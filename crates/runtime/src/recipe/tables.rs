@@ -14,7 +14,7 @@ pub trait Table: Send + Sync {
     /// The bytes, always the same ones.
     fn bytes(&self) -> &[u8];
 
-    /// What the bytes are a part of, if that is of use to native code.
+    /// Owner of the bytes, for native code that can use it.
     fn owner(&self) -> Option<&(dyn Any + Send + Sync)> {
         None
     }

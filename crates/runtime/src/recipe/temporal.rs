@@ -51,15 +51,15 @@ pub struct SampledRows<'a> {
     pub pass: &'a str,
     /// The rows.
     pub rows: &'a Rows,
-    /// How they are sampled.
+    /// Settings of the sampling.
     pub settings: Settings,
-    /// What shines is `source + albedo∘reflected`, one for each column.
+    /// Exitance is `source + albedo∘reflected`, one for each column.
     pub source: Range,
     /// Albedo of the columns.
     pub albedo: Range,
     /// Irradiance of the columns that is reflected, W/m².
     pub reflected: Range,
-    /// What is sampled for, one for each row, W/m².
+    /// Irradiance found by sampling, one for each row, W/m².
     pub irradiance: BufferId,
 }
 
@@ -67,10 +67,10 @@ pub struct SampledRows<'a> {
 pub struct SampledPasses {
     settings: Settings,
     options: u32,
-    /// What has changed, and what shines now.
+    /// Passes that find the change of the exitance, and the exitance itself.
     change: Vec<PassId>,
     blocks: Vec<Block>,
-    /// What a block's rows shine with when the first frame begins.
+    /// First exitance and irradiance of a block's rows before the first frame.
     start: [(BufferId, usize); 2],
 }
 
@@ -203,7 +203,7 @@ struct Entries {
     bytes: u64,
 }
 
-/// Where rows are on the device.
+/// Rows on the device.
 struct EntryTables<'a> {
     row_start: &'a [u32],
     starts: BufferId,
@@ -257,7 +257,7 @@ impl<'a> EntryTables<'a> {
         self.entries.iter().all(|table| (entries * table.bytes).next_multiple_of(4) <= range)
     }
 
-    /// What a block of rows binds, and its first entry.
+    /// Bindings of a block of rows, and its first entry.
     fn block(&self, rows: ops::Range<usize>) -> (Vec<Named>, u32) {
         let (from, count) = self.span(rows.start, rows.end);
         let part = |table: &Entries| match (table.bytes, count) {

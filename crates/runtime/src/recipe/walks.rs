@@ -43,8 +43,9 @@ impl Walks {
         load_scene(executor, scene, |plan, tables| Self::add(plan, tables, scene))
     }
 
-    /// What [`scene::part_taken`] says of each place, by so many walks: one from each in a dispatch, then one more from those that
-    /// are dark so far. Few places need many; and lavapipe ends all loops of an invocation after 65,535 rounds. Waits.
+    /// Result of [`scene::part_taken`] for each place, by so many walks: one from each in a dispatch, then one more
+    /// from those that are dark so far. Few places need many; and lavapipe ends all loops of an invocation after 65,535
+    /// rounds. Waits.
     ///
     /// # Errors
     /// What the device says.

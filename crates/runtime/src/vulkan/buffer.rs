@@ -11,8 +11,8 @@ use super::device::Device;
 use super::error::Error;
 use super::memory::{Memory, MemoryRequest, bytes_in_use};
 
-/// More than the device can ever give, or than it may take, is refused before the driver is asked: some wrap around instead of
-/// refusing.
+/// More than the device can ever give, or than it may take, is refused before the driver is asked: some wrap around
+/// instead of refusing.
 fn check_size(device: &Device, call: &'static str, name: &str, bytes: u64) -> Result<(), Error> {
     let limit = device.info.memory_bytes.min(device.max_allocation_bytes);
     let refusal = |reason| Err(Error::OutOfMemory { call, what: name.into(), bytes, reason });
@@ -111,8 +111,8 @@ impl Buffer {
 
 impl Drop for Buffer {
     fn drop(&mut self) {
-        // SAFETY: every submission that uses the buffer is waited for before its owner drops it; its memory goes after it
-        // (field drop).
+        // SAFETY: every submission that uses the buffer is waited for before its owner drops it; its memory goes after
+        // it (field drop).
         unsafe { self.device.raw.destroy_buffer(self.raw, None) };
     }
 }
@@ -187,7 +187,7 @@ impl Image {
         self.format.row_bytes(self.extent.width)
     }
 
-    /// Whether texels are stored in blocks.
+    /// Returns true if texels are stored in blocks.
     pub fn is_blocks(&self) -> bool {
         self.format.block_edge() > 1
     }
@@ -195,8 +195,8 @@ impl Image {
 
 impl Drop for Image {
     fn drop(&mut self) {
-        // SAFETY: every submission that uses the picture is waited for before its owner drops it; the view goes before its
-        // image, the memory after it (field drop). A null view is allowed.
+        // SAFETY: every submission that uses the picture is waited for before its owner drops it; the view goes before
+        // its image, the memory after it (field drop). A null view is allowed.
         unsafe {
             self.device.raw.destroy_image_view(self.view, None);
             self.device.raw.destroy_image(self.raw, None);

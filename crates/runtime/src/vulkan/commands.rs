@@ -24,20 +24,20 @@ impl Scope {
             vk::AccessFlags::MEMORY_READ.as_raw() | vk::AccessFlags::MEMORY_WRITE.as_raw(),
         ),
     };
-    /// What transfers write.
+    /// Writes of transfers.
     pub const TRANSFER_WRITES: Self =
         Self { stages: vk::PipelineStageFlags::TRANSFER, access: vk::AccessFlags::TRANSFER_WRITE };
-    /// What kernels write.
+    /// Writes of kernels.
     pub const SHADER_WRITES: Self =
         Self { stages: vk::PipelineStageFlags::COMPUTE_SHADER, access: vk::AccessFlags::SHADER_WRITE };
-    /// What kernels read and write.
+    /// Reads and writes of kernels.
     pub const SHADER: Self = Self {
         stages: vk::PipelineStageFlags::COMPUTE_SHADER,
         access: vk::AccessFlags::from_raw(
             vk::AccessFlags::SHADER_READ.as_raw() | vk::AccessFlags::SHADER_WRITE.as_raw(),
         ),
     };
-    /// What the host reads from mapped memory.
+    /// Reads of mapped memory by the host.
     pub const HOST_READS: Self = Self { stages: vk::PipelineStageFlags::HOST, access: vk::AccessFlags::HOST_READ };
 }
 
@@ -53,13 +53,13 @@ impl<'a> Commands<'a> {
     ///
     /// # Safety
     /// As long as this value lives, the command buffer is being recorded, outside of a render pass. It is of the device
-    /// and of a queue family with `VK_QUEUE_COMPUTE_BIT`. Whatever is recorded through this value outlives the execution
-    /// of the command buffer.
+    /// and of a queue family with `VK_QUEUE_COMPUTE_BIT`. Whatever is recorded through this value outlives the
+    /// execution of the command buffer.
     pub unsafe fn new(raw: &'a ash::Device, buffer: vk::CommandBuffer) -> Self {
         Self { raw, buffer }
     }
 
-    /// What `from` says happens before, and is visible to, what `to` says.
+    /// Barrier: work in `from` happens before, and is visible to, work in `to`.
     pub fn barrier(&self, from: Scope, to: Scope) {
         let barriers = [vk::MemoryBarrier::default().src_access_mask(from.access).dst_access_mask(to.access)];
         let flags = vk::DependencyFlags::empty();
@@ -73,7 +73,8 @@ impl<'a> Commands<'a> {
         unsafe { self.raw.cmd_fill_buffer(self.buffer, buffer.raw, 0, vk::WHOLE_SIZE, 0) };
     }
 
-    /// Fills a picture of plain texels (not of blocks) with zeros. `layout` is its layout; afterwards it is [`FETCHED`].
+    /// Fills a picture of plain texels (not of blocks) with zeros. `layout` is its layout; afterwards it is
+    /// [`FETCHED`].
     pub fn clear_image(&self, image: &Image, layout: vk::ImageLayout) {
         let destination = vk::ImageLayout::TRANSFER_DST_OPTIMAL;
         let zero = vk::ClearColorValue { float32: [0.0; 4] };
@@ -85,8 +86,8 @@ impl<'a> Commands<'a> {
 
     /// Copies a region between buffers.
     pub fn copy_buffer(&self, from: &Buffer, to: &Buffer, region: vk::BufferCopy) {
-        // SAFETY: the command buffer is being recorded; the region lies in both buffers: uploads and downloads cut it to
-        // the staging buffer, the graph checked it against the plan's buffer.
+        // SAFETY: the command buffer is being recorded; the region lies in both buffers: uploads and downloads cut it
+        // to the staging buffer, the graph checked it against the plan's buffer.
         unsafe { self.raw.cmd_copy_buffer(self.buffer, from.raw, to.raw, &[region]) };
     }
 
@@ -122,8 +123,8 @@ impl<'a> Commands<'a> {
             .subresource_range(WHOLE_IMAGE)];
         let all = vk::PipelineStageFlags::ALL_COMMANDS;
         let flags = vk::DependencyFlags::empty();
-        // SAFETY: the command buffer is being recorded; pictures are in the layout `FETCHED` between these functions, and
-        // undefined when they are new.
+        // SAFETY: the command buffer is being recorded; pictures are in the layout `FETCHED` between these functions,
+        // and undefined when they are new.
         unsafe { self.raw.cmd_pipeline_barrier(self.buffer, all, all, flags, &[], &[], &barrier) };
     }
 

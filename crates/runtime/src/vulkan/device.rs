@@ -1,4 +1,5 @@
-//! Instance, choice of a device, logical device; each ours or a caller's. What is ours is freed in the right order on drop.
+//! Instance, choice of a device, logical device; each ours or a caller's. What is ours is freed in the right order on
+//! drop.
 
 use std::ffi::{CStr, c_char};
 use std::mem::ManuallyDrop;
@@ -16,7 +17,7 @@ use crate::executor::{DeviceChoice, DeviceInfo, DeviceKind};
 /// An instance of ours, or a caller's.
 pub(super) struct Instance {
     raw: ash::Instance,
-    /// What only an instance of ours has; `None` where the caller made the instance and ends it.
+    /// Resources of an instance of ours; `None` where the caller made the instance and ends it.
     own: Option<OwnInstance>,
     pub messages: Messages,
 }
@@ -98,7 +99,7 @@ impl Drop for Instance {
     }
 }
 
-/// What a physical device reports about itself.
+/// Report of a physical device about itself.
 struct Report {
     physical: vk::PhysicalDevice,
     plain: vk::PhysicalDeviceProperties,
@@ -120,8 +121,8 @@ impl Report {
         let mut allocation = vk::PhysicalDeviceMaintenance3Properties::default();
         let mut driver = vk::PhysicalDeviceDriverProperties::default();
         let mut features_1_2 = vk::PhysicalDeviceVulkan12Features::default();
-        // SAFETY: handle and instance are as the caller promises; the chains hold structures of Vulkan 1.2, are given only
-        // to devices that offer it, and live through the calls.
+        // SAFETY: handle and instance are as the caller promises; the chains hold structures of Vulkan 1.2, are given
+        // only to devices that offer it, and live through the calls.
         let (plain, features, memory, families) = unsafe {
             let plain = instance.get_physical_device_properties(physical);
             if plain.api_version >= API_VERSION {
@@ -158,7 +159,7 @@ impl Report {
         best.map(|(k, _)| k as u32)
     }
 
-    /// Whether a queue family runs compute shaders.
+    /// Returns true if a queue family runs compute shaders.
     fn has_compute(&self, family: u32) -> bool {
         let family = self.families.get(family as usize);
         family.is_some_and(|family| family.queue_flags.contains(vk::QueueFlags::COMPUTE))
@@ -227,7 +228,8 @@ fn device_local_bytes(memory: &vk::PhysicalDeviceMemoryProperties) -> u64 {
     heaps.filter(|heap| heap.flags.contains(vk::MemoryHeapFlags::DEVICE_LOCAL)).map(|heap| heap.size).sum()
 }
 
-/// What a physical device of a caller's instance offers; `missing_feature` says what it lacks. Its `index` is `None`.
+/// Capabilities of a physical device of a caller's instance; `missing_feature` names one that it lacks. Its `index` is
+/// `None`.
 ///
 /// # Safety
 /// The instance is alive and was made for [`API_VERSION`] or newer, and the physical device is one of its.
@@ -286,7 +288,7 @@ pub(super) fn choose(mut candidates: Vec<Candidate>, choice: &DeviceChoice) -> R
 /// A logical device with its one queue and its memory; ours, or a caller's.
 pub(super) struct Device {
     pub raw: ash::Device,
-    /// Whether the caller made the device and ends it.
+    /// True if the caller made the device and ends it.
     is_borrowed: bool,
     pub queue: vk::Queue,
     pub family: u32,
@@ -315,8 +317,8 @@ impl Device {
             .queue_create_infos(&queues)
             .enabled_features(&features)
             .push_next(&mut features_1_2);
-        // SAFETY: the physical device belongs to the instance; `choose` made sure of queue family and features; the chain
-        // lives through the call.
+        // SAFETY: the physical device belongs to the instance; `choose` made sure of queue family and features; the
+        // chain lives through the call.
         let raw = unsafe { instance.raw.create_device(candidate.physical, &create, None) }
             .map_err(Error::call("vkCreateDevice"))?;
         let allocator = match make_allocator(&instance.raw, &raw, candidate.physical) {
@@ -393,8 +395,8 @@ impl Device {
 
 impl Drop for Device {
     fn drop(&mut self) {
-        // SAFETY: every child holds an `Arc` of this device, so all are gone, and `Queue` waited for every submission of
-        // ours before it went. The allocator frees its blocks while the device is alive, and is never used again. A
+        // SAFETY: every child holds an `Arc` of this device, so all are gone, and `Queue` waited for every submission
+        // of ours before it went. The allocator frees its blocks while the device is alive, and is never used again. A
         // device of ours has no other user.
         unsafe {
             ManuallyDrop::drop(&mut self.allocator);

@@ -12,13 +12,13 @@ pub enum Error {
     /// The loader works but no driver offers a device.
     #[error("no Vulkan device: {reason}; install a graphics driver, or use the CPU executor")]
     NoDevice {
-        /// What the loader says.
+        /// Message of the loader.
         reason: String,
     },
     /// No device answers to the name, the number or the kind.
     #[error("no Vulkan device `{wanted}`; there are: {}", list(available))]
     UnknownDevice {
-        /// What was asked for.
+        /// Requested device.
         wanted: String,
         /// The devices with their numbers.
         available: Vec<String>,
@@ -63,7 +63,7 @@ pub enum Error {
     FrameSlot {
         /// The slot asked for.
         frame: usize,
-        /// How many there are.
+        /// Number of devices.
         count: usize,
     },
     /// The validation layer was asked for by `PATCHLIGHT_VALIDATION=1` and is not installed.
@@ -90,7 +90,7 @@ pub enum Error {
         what: String,
         /// Its size.
         bytes: u64,
-        /// What the driver or the allocator says.
+        /// Message of the driver or the allocator.
         reason: String,
     },
     /// The allocator failed for another reason than lack of memory.
@@ -100,7 +100,7 @@ pub enum Error {
         what: String,
         /// Its size.
         bytes: u64,
-        /// What the allocator says.
+        /// Message of the allocator.
         reason: String,
     },
     /// A plan asks for more than the device can do.
@@ -112,11 +112,11 @@ pub enum Error {
         name: &'static str,
         /// Name of the device.
         device: String,
-        /// What the device can do.
+        /// Limit of the device.
         limit: u64,
-        /// What the plan asks for.
+        /// Size that the plan asks for.
         asked: u64,
-        /// What to do about it.
+        /// Remedy.
         remedy: &'static str,
     },
     /// A committed module is not SPIR-V.
@@ -124,7 +124,7 @@ pub enum Error {
     Module {
         /// Name of the kernel.
         kernel: String,
-        /// What is wrong with it.
+        /// Description of the fault.
         reason: String,
     },
     /// Any other call.

@@ -1,4 +1,4 @@
-//! What every device must offer, and how a caller enables it on a device of their own.
+//! Required features of a device, and how a caller enables them on a device of their own.
 
 use ash::vk;
 
@@ -10,9 +10,9 @@ pub const API_VERSION: u32 = vk::API_VERSION_1_2;
 pub struct Feature {
     /// Its name in the Vulkan specification.
     pub name: &'static str,
-    /// Whether no kernel runs without it.
+    /// True if no kernel runs without it.
     pub is_required: bool,
-    /// What it is needed for.
+    /// Its purpose.
     pub purpose: &'static str,
 }
 
@@ -62,8 +62,8 @@ impl EnabledFeatures {
     }
 }
 
-/// Enables [`FEATURES`] in the structures that a device is going to be made with: the required ones, and the others where
-/// `supported` has them. Everything else in the structures stays as it is.
+/// Enables [`FEATURES`] in the structures that a device is going to be made with: the required ones, and the others
+/// where `supported` has them. Everything else in the structures stays as it is.
 pub fn enable_features(
     supported: &vk::PhysicalDeviceFeatures,
     features: &mut vk::PhysicalDeviceFeatures,

@@ -14,18 +14,18 @@ pub struct Memory {
     allocation: Option<Allocation>,
 }
 
-/// What memory is for.
+/// Purpose of memory.
 #[derive(Clone, Copy, Debug)]
 pub struct MemoryRequest<'a> {
     /// Name of the buffer or picture.
     pub name: &'a str,
     /// Bytes that were asked for.
     pub bytes: u64,
-    /// What Vulkan says of it.
+    /// Vulkan's requirements.
     pub requirements: vk::MemoryRequirements,
     /// Who sees it.
     pub location: MemoryLocation,
-    /// Whether it is a buffer.
+    /// True if it is a buffer.
     pub linear: bool,
 }
 
@@ -63,7 +63,7 @@ impl Memory {
         self.allocation.as_ref().and_then(Allocation::mapped_slice).unwrap_or_default()
     }
 
-    /// The same to write.
+    /// Mapped memory, to write.
     pub fn mapped_mut(&mut self) -> &mut [u8] {
         self.allocation.as_mut().and_then(Allocation::mapped_slice_mut).unwrap_or_default()
     }

@@ -10,7 +10,7 @@ use super::error::Error;
 /// Name of the layer.
 pub const VALIDATION_LAYER: &CStr = c"VK_LAYER_KHRONOS_validation";
 
-/// What the validation layer has said since the instance was made.
+/// Messages of the validation layer since the instance was made.
 #[derive(Clone, Debug, Default)]
 pub struct Messages(Arc<Mutex<Vec<String>>>);
 
@@ -21,7 +21,7 @@ impl Messages {
     }
 }
 
-/// Whether the validation layer watches every call.
+/// Use of the validation layer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Validation {
     /// No.
@@ -44,7 +44,7 @@ impl Validation {
     }
 }
 
-/// Whether the layer is installed.
+/// Returns true if the layer is installed.
 ///
 /// # Errors
 /// What the loader says.
@@ -79,8 +79,8 @@ impl Messenger {
             .message_type(vk::DebugUtilsMessageTypeFlagsEXT::VALIDATION)
             .pfn_user_callback(Some(collect_message))
             .user_data(Arc::as_ptr(&messages.0).cast_mut().cast());
-        // SAFETY: the user data is the mutex inside `messages`, which lives as long as the messenger: it is dropped after it.
-        // The callback only locks it.
+        // SAFETY: the user data is the mutex inside `messages`, which lives as long as the messenger: it is dropped
+        // after it. The callback only locks it.
         let raw = unsafe { debug.create_debug_utils_messenger(&create, None) }
             .map_err(Error::call("vkCreateDebugUtilsMessengerEXT"))?;
         Ok(Self { debug, raw, _messages: messages })
@@ -101,8 +101,8 @@ unsafe extern "system" fn collect_message(
     data: *const vk::DebugUtilsMessengerCallbackDataEXT<'_>,
     messages: *mut c_void,
 ) -> vk::Bool32 {
-    // SAFETY: the layer passes valid data with null-terminated (or null) text, and the user data of `Messenger::new`: the
-    // mutex inside `Messages`, alive until the messenger is destroyed.
+    // SAFETY: the layer passes valid data with null-terminated (or null) text, and the user data of `Messenger::new`:
+    // the mutex inside `Messages`, alive until the messenger is destroyed.
     unsafe {
         let text = (*data).message_as_c_str().map(|t| t.to_string_lossy().into_owned()).unwrap_or_default();
         let messages = &*messages.cast::<Mutex<Vec<String>>>();

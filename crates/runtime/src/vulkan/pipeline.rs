@@ -18,7 +18,7 @@ pub(super) struct Pipeline {
     device: Arc<Device>,
 }
 
-/// What a binding is in a descriptor set.
+/// Descriptor type of a binding.
 pub(super) fn descriptor_type(kind: BindingKind) -> vk::DescriptorType {
     match kind {
         BindingKind::Storage { .. } => vk::DescriptorType::STORAGE_BUFFER,
@@ -75,8 +75,8 @@ impl Pipeline {
             .module(module)
             .name(&entry);
         let create = [vk::ComputePipelineCreateInfo::default().stage(stage).layout(pipeline.layout)];
-        // SAFETY: module, entry name and layout live through the call; the layout is made from the same table row as the
-        // module's bindings (a test compares them).
+        // SAFETY: module, entry name and layout live through the call; the layout is made from the same table row as
+        // the module's bindings (a test compares them).
         let made = unsafe { device.raw.create_compute_pipelines(vk::PipelineCache::null(), &create, None) };
         // SAFETY: a module may go once its pipeline is made.
         unsafe { device.raw.destroy_shader_module(module, None) };
@@ -90,7 +90,8 @@ impl Pipeline {
 
 impl Drop for Pipeline {
     fn drop(&mut self) {
-        // SAFETY: `Vulkan` waits for every submission before its pipelines go, so no command uses them; null handles are allowed.
+        // SAFETY: `Vulkan` waits for every submission before its pipelines go, so no command uses them; null handles
+        // are allowed.
         unsafe {
             self.device.raw.destroy_pipeline(self.raw, None);
             self.device.raw.destroy_pipeline_layout(self.layout, None);

@@ -114,7 +114,8 @@ impl Queue {
         }
     }
 
-    /// Where the uploads of the next submission are collected. Waits for the oldest submission when the ring is full.
+    /// Staging memory that collects the uploads of the next submission. Waits for the oldest submission when the ring
+    /// is full.
     pub fn staging(&mut self) -> Result<&mut Staging, Error> {
         if self.ring[self.next].is_in_flight {
             self.finish_and_keep(self.next)?;
@@ -122,7 +123,7 @@ impl Queue {
         Ok(&mut self.ring[self.next].staging)
     }
 
-    /// Whether uploads or clears wait for the next submission.
+    /// Returns true if uploads or clears wait for the next submission.
     pub fn has_uploads(&self) -> bool {
         !self.ring[self.next].is_in_flight && !self.ring[self.next].staging.is_empty()
     }
@@ -134,8 +135,8 @@ impl Queue {
         }
     }
 
-    /// Records what `record` records and submits it. Everything that earlier submissions wrote is visible to it. `names` are
-    /// those of the passes that are timed: `record` then writes one timestamp more than there are names.
+    /// Records what `record` records and submits it. Everything that earlier submissions wrote is visible to it.
+    /// `names` are those of the passes that are timed: `record` then writes one timestamp more than there are names.
     ///
     /// # Safety
     /// What `record` records outlives its execution, which [`Queue::finish`] waits for.
@@ -162,8 +163,8 @@ impl Queue {
         let buffers = [submission.commands];
         let submits = [vk::SubmitInfo::default().command_buffers(&buffers)];
         // SAFETY: the command buffer is being recorded, then executable; the fence is unsignalled and not in use;
-        // `&mut self` keeps our threads from the queue, and the lender of a borrowed queue keeps theirs from it; what the
-        // commands use outlives them, as the caller promises.
+        // `&mut self` keeps our threads from the queue, and the lender of a borrowed queue keeps theirs from it; what
+        // the commands use outlives them, as the caller promises.
         let submitted = unsafe {
             raw.end_command_buffer(submission.commands).map_err(Error::call("vkEndCommandBuffer")).and_then(|()| {
                 raw.queue_submit(self.device.queue, &submits, submission.fence).map_err(Error::call("vkQueueSubmit"))
@@ -324,8 +325,8 @@ impl Submission {
 impl Drop for Queue {
     fn drop(&mut self) {
         for index in self.oldest_first() {
-            // What is lost with the device cannot be reported here. Times are not read: drivers may wait for the whole device
-            // then (lavapipe does), and it may be a caller's.
+            // What is lost with the device cannot be reported here. Times are not read: drivers may wait for the whole
+            // device then (lavapipe does), and it may be a caller's.
             let _ = self.wait_for_fence(index);
         }
         for submission in self.ring.drain(..) {

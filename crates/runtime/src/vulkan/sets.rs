@@ -93,8 +93,8 @@ fn write_binding(device: &Device, set: vk::DescriptorSet, binding: u32, bound: &
 
 impl Drop for Sets {
     fn drop(&mut self) {
-        // SAFETY: every submission that uses the sets is waited for before their owner drops them; a null pool is allowed;
-        // the sets go with their pool.
+        // SAFETY: every submission that uses the sets is waited for before their owner drops them; a null pool is
+        // allowed; the sets go with their pool.
         unsafe { self.device.raw.destroy_descriptor_pool(self.pool, None) };
     }
 }

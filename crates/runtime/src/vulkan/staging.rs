@@ -39,7 +39,7 @@ impl Staging {
         Self { device: Arc::clone(device), chunks: Vec::new(), chunk: 0, used: 0, changes: Vec::new() }
     }
 
-    /// Whether nothing waits to be recorded.
+    /// Returns true if nothing waits to be recorded.
     pub fn is_empty(&self) -> bool {
         self.changes.is_empty()
     }

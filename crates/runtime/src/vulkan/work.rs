@@ -9,7 +9,7 @@ use super::staging::Staging;
 use crate::graph::Graph;
 use crate::plan::PassId;
 
-/// What is recorded: uploads and clears, then passes.
+/// Recorded work: uploads and clears, then passes.
 pub(super) struct Work<'a> {
     pub graph: &'a Graph,
     pub sets: Option<&'a Sets>,
@@ -18,8 +18,8 @@ pub(super) struct Work<'a> {
 }
 
 impl Work<'_> {
-    /// Records the changes that wait in `staging`, then the passes. With `queries` a timestamp is written before the first
-    /// pass and one after each.
+    /// Records the changes that wait in `staging`, then the passes. With `queries` a timestamp is written before the
+    /// first pass and one after each.
     pub fn record(&self, commands: &Commands<'_>, staging: &mut Staging, queries: Option<vk::QueryPool>) {
         staging.record(commands, self.resources);
         let Some(sets) = self.sets else { return };

@@ -16,7 +16,7 @@ pub struct Caller {
     pub queue: vk::Queue,
     pub pool: vk::CommandPool,
     pub enabled: EnabledFeatures,
-    /// Where the layer is installed; ends before the instance.
+    /// Messenger, where the layer is installed; ends before the instance.
     messenger: Option<Messenger>,
     messages: Messages,
     _entry: ash::Entry,
@@ -132,8 +132,8 @@ impl Caller {
     pub fn close_gate(&self) -> Gate {
         let mut kind = vk::SemaphoreTypeCreateInfo::default().semaphore_type(vk::SemaphoreType::TIMELINE);
         let create = vk::SemaphoreCreateInfo::default().push_next(&mut kind);
-        // SAFETY: the device was made with `timelineSemaphore`; what `submits` points to lives through the call, semaphore
-        // and fence until `end_gate`.
+        // SAFETY: the device was made with `timelineSemaphore`; what `submits` points to lives through the call,
+        // semaphore and fence until `end_gate`.
         unsafe {
             let semaphore = self.device.create_semaphore(&create, None).expect("a semaphore");
             let fence = self.device.create_fence(&vk::FenceCreateInfo::default(), None).expect("a fence");
@@ -195,8 +195,8 @@ impl Caller {
         }
     }
 
-    /// Does some work on the device, ends it, and gives all that the validation layer has said. The layer names what was
-    /// made on the device and not freed before it ends.
+    /// Does some work on the device, ends it, and gives all that the validation layer has said. The layer names what
+    /// was made on the device and not freed before it ends.
     pub fn end(mut self) -> Vec<String> {
         let target = self.host_buffer(64);
         let commands = self.begin();

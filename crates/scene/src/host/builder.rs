@@ -20,7 +20,8 @@ const MAX_ALBEDO: f32 = 0.95;
 
 /// Puts a scene together from meshes, materials, textures and lights in memory; [`Scene::builder`] makes one.
 ///
-/// What is wrong is told by [`SceneBuilder::build`], with the mesh, triangle, texture, material or light that it is about.
+/// What is wrong is told by [`SceneBuilder::build`], with the mesh, triangle, texture, material or light that it is
+/// about.
 ///
 /// ```
 /// use glam::Vec3;
@@ -42,7 +43,7 @@ const MAX_ALBEDO: f32 = 0.95;
 pub struct SceneBuilder {
     parts: SceneParts,
     meshes: u32,
-    /// What was wrong first.
+    /// The first fault.
     fault: Option<BuildError>,
 }
 
@@ -89,7 +90,7 @@ impl Lighting {
         self.lights.get(id.index())
     }
 
-    /// The same, to move or change it.
+    /// A light, to move or change it.
     pub fn light_mut(&mut self, id: LightId) -> Option<&mut Light> {
         self.lights.get_mut(id.index())
     }
@@ -102,16 +103,17 @@ pub struct Mesh<'a> {
     pub name: &'a str,
     /// Vertices, m, before `transform`.
     pub positions: &'a [Vec3],
-    /// Three vertices of each triangle, counter-clockwise as seen from its front; empty where every three vertices are one.
+    /// Three vertices of each triangle, counter-clockwise as seen from its front; empty where every three vertices are
+    /// one.
     pub indices: &'a [u32],
-    /// The side that each vertex faces, where that is known: triangles whose corners run the other way round are turned. Light is
-    /// that of flat triangles.
+    /// The side that each vertex faces, where that is known: triangles whose corners run the other way round are
+    /// turned. Light is that of flat triangles.
     pub normals: &'a [Vec3],
     /// Texture coordinates of each vertex, or none; v = 0 is the bottom row of the picture.
     pub uvs: &'a [Vec2],
-    /// What its triangles are made of.
+    /// Material of its triangles.
     pub material: MaterialId,
-    /// Where it stands. One that mirrors keeps the front in front.
+    /// Position, rotation and scale. One that mirrors keeps the front in front.
     pub transform: Affine3A,
 }
 
@@ -138,7 +140,7 @@ pub enum BuildError {
     Mesh {
         /// Its name, or its number where it has none.
         mesh: String,
-        /// What is wrong.
+        /// The fault.
         fault: MeshFault,
     },
     /// A texture has another number of bytes than its size says.
@@ -168,19 +170,19 @@ pub enum BuildError {
     Light {
         /// Its number, from 0.
         light: usize,
-        /// What of it.
+        /// The part concerned.
         name: &'static str,
         /// Its value, of a vector the component that is wrong.
         value: f32,
-        /// What it must be.
+        /// Rule that it breaks.
         rule: &'static str,
     },
-    /// What a scene of plain tables says, too.
+    /// A fault that a scene of plain tables has, too.
     #[error(transparent)]
     Scene(#[from] Error),
 }
 
-/// What is wrong with a mesh.
+/// Fault of a mesh.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum MeshFault {
@@ -252,8 +254,8 @@ impl SceneBuilder {
         MaterialId(number as u32)
     }
 
-    /// Adds a picture of sRGB bytes: red, green, blue and alpha of each texel, row by row from the top. Surfaces reflect at most 0.95
-    /// of a channel; brighter texels are lowered to that.
+    /// Adds a picture of sRGB bytes: red, green, blue and alpha of each texel, row by row from the top. Surfaces
+    /// reflect at most 0.95 of a channel; brighter texels are lowered to that.
     pub fn add_texture(&mut self, (width, height): (u32, u32), rgba: &[u8]) -> TextureId {
         let texture = self.parts.textures.len();
         let expected = 4 * width as usize * height as usize;
@@ -303,8 +305,8 @@ impl SceneBuilder {
         LightId(number as u32)
     }
 
-    /// Adds a measured luminaire at a place, m, that sends this flux: `axis` is its direction γ = 0 (down, of a lamp on a ceiling),
-    /// `across` the direction in which its half-plane C = 0 lies.
+    /// Adds a measured luminaire at a place, m, that sends this flux: `axis` is its direction γ = 0 (down, of a lamp on
+    /// a ceiling), `across` the direction in which its half-plane C = 0 lies.
     pub fn add_luminaire(
         &mut self,
         position: Vec3,
@@ -337,7 +339,8 @@ impl SceneBuilder {
         self.parts.sky_map.clear();
     }
 
-    /// The same from an equirectangular map of radiances, W/m²/sr, row by row from the top; its middle column is −z, its top row +y.
+    /// Sets the sky to an equirectangular map of radiances, W/m²/sr, row by row from the top; its middle column is −z,
+    /// its top row +y.
     pub fn set_sky_map(&mut self, (map_width, map_height): (u32, u32), radiances: &[Vec3]) {
         self.parts.sky = Sky { radiance: Vec3::ONE, map_width, map_height, ..Sky::default() };
         self.parts.sky_map = radiances.iter().map(|radiance| radiance.extend(0.0)).collect();
@@ -346,7 +349,8 @@ impl SceneBuilder {
     /// The scene, with the hierarchy that rays need.
     ///
     /// # Errors
-    /// What was wrong first with what was added; [`BuildError::Scene`] for the whole: no triangles, a sky's map of another size.
+    /// What was wrong first with what was added; [`BuildError::Scene`] for the whole: no triangles, a sky's map of
+    /// another size.
     pub fn build(self) -> Result<Scene, BuildError> {
         match self.fault {
             Some(fault) => Err(fault),
@@ -406,7 +410,7 @@ impl SceneBuilder {
     }
 }
 
-/// What of a light is wrong, its value, and what it must be.
+/// Faulty parameter of a light, its value, and the rule that it breaks.
 fn light_fault(light: &Light) -> Option<(&'static str, f32, &'static str)> {
     let not_finite = |v: Vec3| v.to_array().into_iter().find(|x| !x.is_finite());
     if let Some(value) = light.color.to_array().into_iter().find(|x| !(x.is_finite() && *x >= 0.0)) {

@@ -6,19 +6,19 @@ use crate::Triangle;
 use crate::sampling::uniform_triangle;
 
 /// Corners of a triangle cut by six planes at most: each plane adds one.
-const MOST_CORNERS: usize = 10;
+const MAX_CORNERS: usize = 10;
 
 /// A convex flat polygon.
 #[derive(Clone, Copy, Debug)]
 pub struct Polygon {
-    corners: [DVec3; MOST_CORNERS],
+    corners: [DVec3; MAX_CORNERS],
     len: usize,
 }
 
 impl Polygon {
     /// The whole of a triangle.
     pub fn of_triangle(t: &Triangle) -> Self {
-        let mut corners = [DVec3::ZERO; MOST_CORNERS];
+        let mut corners = [DVec3::ZERO; MAX_CORNERS];
         let corner = t.corner.as_dvec3();
         corners[..3].copy_from_slice(&[corner, corner + t.edge_a.as_dvec3(), corner + t.edge_b.as_dvec3()]);
         Self { corners, len: 3 }
@@ -62,10 +62,10 @@ impl Polygon {
         c[0] + (c[k - 1] - c[0]) * f64::from(u) + (c[k] - c[0]) * f64::from(v)
     }
 
-    /// The parts before and from the plane `x[axis] = at` on (Sutherland and Hodgman 1974). A polygon in the plane belongs
-    /// to the second part wholly, so the parts' areas always sum to the whole.
+    /// The parts before and from the plane `x[axis] = at` on (Sutherland and Hodgman 1974). A polygon in the plane
+    /// belongs to the second part wholly, so the parts' areas always sum to the whole.
     fn split(&self, axis: usize, at: f64) -> (Self, Self) {
-        let empty = Self { corners: [DVec3::ZERO; MOST_CORNERS], len: 0 };
+        let empty = Self { corners: [DVec3::ZERO; MAX_CORNERS], len: 0 };
         let (mut before, mut beyond) = (empty, empty);
         for k in 0..self.len {
             let (p, q) = (self.corners[k], self.corners[(k + 1) % self.len]);
@@ -86,8 +86,9 @@ impl Polygon {
     }
 
     fn push(&mut self, p: DVec3) {
-        // Rounding cannot make a convex polygon gain more than one corner a plane; a lost corner would lose a sliver only.
-        if self.len < MOST_CORNERS {
+        // Rounding cannot make a convex polygon gain more than one corner a plane; a lost corner would lose a sliver
+        // only.
+        if self.len < MAX_CORNERS {
             self.corners[self.len] = p;
             self.len += 1;
         }
@@ -97,11 +98,11 @@ impl Polygon {
 /// Half-open layers along one axis: layer k is `[origin + k·edge, origin + (k + 1)·edge)`.
 #[derive(Clone, Copy, Debug)]
 pub struct Layers {
-    /// Where the first begins, m.
+    /// Position of the first, m.
     pub origin: f64,
     /// Thickness, m.
     pub edge: f64,
-    /// How many, at least 1.
+    /// Number of them, at least 1.
     pub count: u32,
 }
 

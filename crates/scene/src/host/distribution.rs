@@ -11,18 +11,20 @@ use crate::kernel::light::DISTRIBUTION_HEADER;
 use crate::types::{LIGHT_LUMINAIRE, Light};
 
 /// Most steps of γ in a table: a quarter of a degree each over the whole sphere.
-const MOST_STEPS: usize = 720;
+const MAX_STEPS: usize = 720;
 /// Most half-planes in a table: one a degree.
-const MOST_PLANES: usize = 360;
+const MAX_PLANES: usize = 360;
 /// Shares of a step by which an angle may miss a grid and yet be on it.
 const ON_GRID: f64 = 1e-3;
 /// Words that a table of distributions may have: 128 MiB, which every device can bind.
-const MOST_DISTRIBUTION_WORDS: usize = 1 << 25;
+const MAX_DISTRIBUTION_WORDS: usize = 1 << 25;
 
-/// Intensities of a luminaire by direction, bilinear in γ and C between those that are given (CIE 121, IES LM-63 type C).
+/// Intensities of a luminaire by direction, bilinear in γ and C between those that are given (CIE 121, IES LM-63 type
+/// C).
 ///
-/// γ is the angle from the luminaire's axis, C the half-plane round it; see [`LIGHT_LUMINAIRE`] for where they lie. Beyond the first
-/// and the last γ the intensity is 0. Any unit: [`Self::mean`] has the same, and tables hold ratios to it.
+/// γ is the angle from the luminaire's axis, C the half-plane round it; see [`LIGHT_LUMINAIRE`] for where they lie.
+/// Beyond the first and the last γ the intensity is 0. Any unit: [`Self::mean`] has the same, and tables hold ratios to
+/// it.
 ///
 /// ```
 /// // The intensity of a Lambert surface that faces along γ = 0: cos γ, whose mean over all directions is ¼.
@@ -41,11 +43,12 @@ pub struct Distribution {
 }
 
 impl Distribution {
-    /// Intensities `[planes · gammas]`, plane by plane, at angles in degrees: γ rises within [0, 180], C within [0, 360).
+    /// Intensities `[planes · gammas]`, plane by plane, at angles in degrees: γ rises within [0, 180], C within [0,
+    /// 360).
     ///
     /// # Errors
-    /// [`Error::Distribution`] for angles that do not rise or are out of range, and for intensities that are missing, negative or
-    /// no numbers.
+    /// [`Error::Distribution`] for angles that do not rise or are out of range, and for intensities that are missing,
+    /// negative or no numbers.
     pub fn new(gammas: Vec<f64>, planes: Vec<f64>, intensities: Vec<f64>) -> Result<Self, Error> {
         let wrong = |name, index: usize, value: f64, rule| Err(Error::Distribution { name, index, value, rule });
         if gammas.len() < 2 || planes.is_empty() {
@@ -100,7 +103,8 @@ impl Distribution {
         at(left) + (at(right) - at(left)) * beside
     }
 
-    /// Mean intensity over all directions: ½ ∫ Ī(γ) sin γ dγ, exact for what [`Self::intensity`] says. The flux is 4π times it.
+    /// Mean intensity over all directions: ½ ∫ Ī(γ) sin γ dγ, exact for what [`Self::intensity`] says. The flux is 4π
+    /// times it.
     pub fn mean(&self) -> f64 {
         let steps = self.gammas.len();
         let count = self.planes.len();
@@ -132,14 +136,14 @@ impl Distribution {
         self.intensities.iter().copied().fold(0.0, f64::max)
     }
 
-    /// The same at equal steps of γ and C: at the angles that are given where these lie on a grid of quarters of a degree of γ and
-    /// degrees of C, between them where they do not.
+    /// Distribution at equal steps of γ and C: at the given angles where these lie on a grid of quarters of a degree of
+    /// γ and degrees of C, between them where they do not.
     pub fn on_grid(&self) -> Self {
         let first = self.gammas[0];
         let range = self.gammas[self.gammas.len() - 1] - first;
-        let finest = (range / 180.0 * MOST_STEPS as f64).ceil().max(1.0) as usize;
+        let finest = (range / 180.0 * MAX_STEPS as f64).ceil().max(1.0) as usize;
         let steps = grid_steps(self.gammas.iter().map(|gamma| (gamma - first) / range), finest);
-        let planes = if self.is_round() { 1 } else { grid_steps(self.planes.iter().map(|c| c / 360.0), MOST_PLANES) };
+        let planes = if self.is_round() { 1 } else { grid_steps(self.planes.iter().map(|c| c / 360.0), MAX_PLANES) };
         let gammas: Vec<f64> = (0..=steps).map(|k| first + range * k as f64 / steps as f64).collect();
         let planes: Vec<f64> = (0..planes).map(|k| 360.0 * k as f64 / planes as f64).collect();
         let last = gammas.len() - 1;
@@ -152,14 +156,14 @@ impl Distribution {
         Self { gammas, planes, intensities }
     }
 
-    /// Whether the intensity is the same in all half-planes.
+    /// Returns true if the intensity is the same in all half-planes.
     fn is_round(&self) -> bool {
         let row = self.gammas.len();
         self.intensities.chunks(row).all(|plane| plane == &self.intensities[..row])
     }
 
-    /// Greatest difference between [`Self::on_grid`] and this at the angles that are given, over the greatest intensity: both are
-    /// linear between, and differ most there.
+    /// Greatest difference between [`Self::on_grid`] and this at the angles that are given, over the greatest
+    /// intensity: both are linear between, and differ most there.
     pub fn grid_error(&self) -> f64 {
         let grid = self.on_grid();
         let greatest = self.greatest();
@@ -171,8 +175,8 @@ impl Distribution {
         error
     }
 
-    /// Adds what kernels read ([`crate::kernel::light::luminaire_share`]) to a table of distributions, and says where it begins:
-    /// the value of [`Light::distribution`].
+    /// Adds what kernels read ([`crate::kernel::light::luminaire_share`]) to a table of distributions, and says where
+    /// it begins: the value of [`Light::distribution`].
     ///
     /// # Errors
     /// [`Error::Distributions`] where the table grows too large.
@@ -180,8 +184,8 @@ impl Distribution {
         let grid = self.on_grid();
         let begin = table.len();
         let words = begin + DISTRIBUTION_HEADER as usize + grid.intensities.len();
-        if words > MOST_DISTRIBUTION_WORDS {
-            return Err(Error::Distributions { words, limit: MOST_DISTRIBUTION_WORDS });
+        if words > MAX_DISTRIBUTION_WORDS {
+            return Err(Error::Distributions { words, limit: MAX_DISTRIBUTION_WORDS });
         }
         let last = grid.gammas.len() - 1;
         let range = (grid.gammas[last] - grid.gammas[0]).to_radians();
@@ -226,7 +230,7 @@ impl Distribution {
     }
 }
 
-/// The same angle in [0°, 360°).
+/// Equivalent angle in [0°, 360°).
 fn within_turn(angle: f64) -> f64 {
     let rest = angle % 360.0;
     if rest < 0.0 { rest + 360.0 } else { rest }
@@ -253,7 +257,7 @@ fn stored_length(table: &[f32]) -> Option<usize> {
     (length <= table.len()).then_some(length)
 }
 
-/// Whether every luminaire has a distribution in the table.
+/// Checks that every luminaire has a distribution in the table.
 ///
 /// # Errors
 /// [`Error::LightDistribution`] names the light.
@@ -270,7 +274,7 @@ pub(super) fn check_lights(lights: &[Light], table: &[f32]) -> Result<(), Error>
     }
 }
 
-/// Whether all words of a table are numbers.
+/// Checks that all words of a table are numbers.
 ///
 /// # Errors
 /// [`Error::Distribution`].

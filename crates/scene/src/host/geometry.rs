@@ -1,4 +1,4 @@
-//! What never changes in a scene: its tables, the hierarchy, and rays against them.
+//! The immutable part of a scene: its tables, the hierarchy, and rays against them.
 
 use alloc::sync::Arc;
 use alloc::vec::Vec;
@@ -64,9 +64,9 @@ const OFFSET_OF_COORDINATE: f32 = 1.0 / (1 << 18) as f32;
 /// Share of the triangles that may be far off at either end of an axis.
 const OUTERMOST: f32 = 0.025;
 /// Fewer triangles than this have no outermost.
-const LEAST_TRIANGLES: usize = 16;
+const MIN_TRIANGLES: usize = 16;
 
-/// What was in the way of a ray, if anything has been yet.
+/// The last occluder of a ray, if there has been one.
 #[derive(Clone, Copy, Debug)]
 pub struct Occluder(pub(crate) u32);
 
@@ -156,7 +156,7 @@ impl Geometry {
         self.traverse::<false>(origin, direction, t_max)
     }
 
-    /// Whether anything is in the way along `origin + t·direction`, t in (0, t_max).
+    /// Returns true if anything is in the way along `origin + t·direction`, t in (0, t_max).
     #[inline]
     pub fn occluded(&self, origin: Vec3, direction: Vec3, t_max: f32) -> bool {
         self.traverse::<true>(origin, direction, t_max).triangle != NONE
@@ -245,7 +245,7 @@ fn middle_box_diagonal(triangles: &[Triangle]) -> f32 {
         middles.sort_unstable_by(f32::total_cmp);
         middles[last.saturating_sub(outermost)] - middles[outermost.min(last)]
     };
-    if triangles.len() < LEAST_TRIANGLES {
+    if triangles.len() < MIN_TRIANGLES {
         return f32::INFINITY;
     }
     Vec3::new(extent(0), extent(1), extent(2)).length()

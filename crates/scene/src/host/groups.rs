@@ -7,16 +7,16 @@ use glam::{Mat3, Vec3};
 
 use super::lighting::mean_radiance;
 use crate::kernel::GeometryTables;
-use crate::kernel::large::MOST_EXACT_EMITTERS;
+use crate::kernel::large::MAX_EXACT_EMITTERS;
 use crate::math::luminance;
 use crate::types::{Emitter, EmitterGroup};
 
 /// Most groups.
-pub const MOST_EMITTER_GROUPS: usize = 64;
+pub const MAX_EMITTER_GROUPS: usize = 64;
 /// A group whose normals add up to this share of their lengths is flat.
 const FLAT: f32 = 0.999;
 
-/// What a group is made of.
+/// A part of a group.
 struct Part {
     centre: Vec3,
     normal: Vec3,
@@ -24,15 +24,15 @@ struct Part {
     radiance: Vec3,
 }
 
-/// Groups of near emitters, where these are too many to count one by one; none where they are not. The group with the greatest
-/// power times squared extent is cut at the middle of its longest side, again and again.
+/// Groups of near emitters, where these are too many to count one by one; none where they are not. The group with the
+/// greatest power times squared extent is cut at the middle of its longest side, again and again.
 pub(super) fn group_emitters(tables: &GeometryTables, emitters: &[Emitter]) -> Vec<EmitterGroup> {
-    if emitters.len() <= MOST_EXACT_EMITTERS as usize {
+    if emitters.len() <= MAX_EXACT_EMITTERS as usize {
         return Vec::new();
     }
     let parts: Vec<Part> = emitters.iter().map(|emitter| part(tables, emitter)).collect();
     let mut groups: Vec<Vec<usize>> = vec![(0..parts.len()).collect()];
-    while groups.len() < MOST_EMITTER_GROUPS {
+    while groups.len() < MAX_EMITTER_GROUPS {
         let scores = groups.iter().map(|group| score(&parts, group));
         let Some((worst, score)) = scores.enumerate().max_by(|a, b| a.1.total_cmp(&b.1).then(b.0.cmp(&a.0))) else {
             break;

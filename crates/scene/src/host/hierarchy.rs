@@ -57,7 +57,7 @@ pub(super) fn build(triangles: &[Triangle]) -> (Vec<BvhNode>, Vec<u32>) {
     (nodes, binary.primitive_indices)
 }
 
-/// Whether nodes from elsewhere are a hierarchy over so many triangles: a tree whose leaves name what is there.
+/// Returns true if nodes from elsewhere are a hierarchy over so many triangles: a tree whose leaves name what is there.
 pub(super) fn is_sound(nodes: &[BvhNode], triangles: usize) -> bool {
     let mut stack = alloc::vec![0u32];
     // In a tree no node is met twice.
@@ -124,7 +124,7 @@ mod tests {
         Geometry::of_leaves(SceneParts { triangles, uvs, materials, ..SceneParts::default() }, nodes).unwrap()
     }
 
-    /// What rays from the middle of the cube meet: number of the triangle, shares of its edges, distance.
+    /// Hits of rays from the middle of the cube: number of the triangle, shares of its edges, distance.
     fn hits(geometry: &Geometry) -> Vec<(u32, [u32; 3])> {
         let hit = |k: u32| {
             let direction = Vec3::new(unit(hash3(k, 0, 7)), unit(hash3(k, 1, 7)), unit(hash3(k, 2, 7))) - 0.5;

@@ -1,4 +1,4 @@
-//! What shines in a scene, and the emitters that follow from it.
+//! The light sources of a scene, and the emitters that follow from them.
 
 use alloc::sync::Arc;
 use alloc::vec::Vec;
@@ -13,7 +13,7 @@ use crate::math::luminance;
 use crate::sampling::uniform_triangle;
 use crate::types::{Emitter, Light, Material, NONE, Sky};
 
-/// What shines, which may change in every frame.
+/// The light sources, which may change in every frame.
 #[derive(Clone, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Lighting {
@@ -36,12 +36,12 @@ pub struct Lighting {
 }
 
 impl Lighting {
-    /// Whether the sky sends any light.
+    /// Returns true if the sky sends any light.
     pub fn has_sky(&self) -> bool {
         luminance(self.sky.radiance) > 0.0
     }
 
-    /// Whether luminaires among these lights have distributions here.
+    /// Checks that luminaires among these lights have distributions here.
     ///
     /// # Errors
     /// [`Error::LightDistribution`] names the light.
@@ -49,7 +49,7 @@ impl Lighting {
         check_lights(lights, &self.distributions)
     }
 
-    /// Whether the tables fit the geometry's materials and the sky's size, and the lights their distributions.
+    /// Checks that the tables fit the geometry's materials and the sky's size, and the lights their distributions.
     ///
     /// # Errors
     /// [`Error::EmissionLength`], [`Error::TableLength`] for the sky's map, or those of [`crate::Distribution`].
@@ -63,7 +63,7 @@ impl Lighting {
         self.check_lights(&self.lights)
     }
 
-    /// Whether the distributions are numbers.
+    /// Checks that the distributions are numbers.
     ///
     /// # Errors
     /// [`Error::Distribution`].
@@ -78,7 +78,7 @@ impl Lighting {
     }
 }
 
-/// Whether the sky's map has as many texels as the sky says.
+/// Checks that the sky's map has as many texels as the sky says.
 ///
 /// # Errors
 /// [`Error::TableLength`].

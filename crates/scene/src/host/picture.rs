@@ -51,8 +51,8 @@ impl Picture {
         self.pixels.par_iter().flat_map_iter(|p| (*p * scale).to_array().map(code)).collect()
     }
 
-    /// Means over whole squares of `edge` × `edge` pixels from the upper left corner; what is left at the right and at the
-    /// bottom does not count.
+    /// Means over whole squares of `edge` × `edge` pixels from the upper left corner; what is left at the right and at
+    /// the bottom does not count.
     pub fn block_means(&self, edge: u32) -> Self {
         let (width, height) = (self.width / edge, self.height / edge);
         let mut blocks = Self::new(width, height);
@@ -120,7 +120,7 @@ impl Picture {
         Ok(Self { pixels, ..*self })
     }
 
-    /// Whether another picture has the same size.
+    /// Checks that another picture has the same size.
     ///
     /// # Errors
     /// [`Error::SizeMismatch`].

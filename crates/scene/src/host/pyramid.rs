@@ -22,7 +22,7 @@ struct Level {
 }
 
 impl Pyramid {
-    /// Of a picture of this width and height, without its first `skip` levels; the last level always stays.
+    /// Pyramid of a picture of this width and height, without its first `skip` levels; the last level always stays.
     pub fn new(size: (u32, u32), skip: u32) -> Self {
         let sizes: Vec<(u32, u32)> =
             core::iter::successors(Some(size), |size| (*size != (1, 1)).then(|| half(*size))).collect();
@@ -79,8 +79,8 @@ pub fn half((width, height): (u32, u32)) -> (u32, u32) {
 /// For each of the new cells along an edge: the first of the old ones that it covers, and the share of each in it.
 type Shares = Vec<(usize, Vec<f32>)>;
 
-/// Makes the next level of rows that come one after the other: every new texel is the mean over its part of the old picture, so
-/// that the mean stays, also for odd sizes.
+/// Makes the next level of rows that come one after the other: every new texel is the mean over its part of the old
+/// picture, so that the mean stays, also for odd sizes.
 pub struct Halver {
     columns: Shares,
     rows: Shares,
@@ -125,7 +125,7 @@ impl Halver {
     }
 }
 
-/// How `old` cells along an edge are shared out over `new` ones; the shares of each sum to 1.
+/// Shares of `old` cells along an edge in `new` ones; the shares of each sum to 1.
 fn shares(old: u32, new: u32) -> Shares {
     let size = f64::from(old) / f64::from(new);
     let share = |k: u32| {

@@ -22,7 +22,7 @@ use crate::kernel::walk::Lamps;
 use crate::parallel::*;
 use crate::types::*;
 
-/// What a scene is made of: the input of [`Scene::new`].
+/// Parts of a scene: the input of [`Scene::new`].
 #[derive(Clone, Debug, Default)]
 pub struct SceneParts {
     /// Triangles in any order, `[n]`, m.
@@ -69,7 +69,7 @@ pub struct SceneParts {
 /// ```
 #[derive(Clone)]
 pub struct Scene {
-    /// What never changes.
+    /// The immutable part.
     pub geometry: Arc<Geometry>,
     /// Materials with the emission of the lighting. Their reflectance may be changed by
     /// [`Arc::make_mut`].
@@ -78,8 +78,8 @@ pub struct Scene {
     pub emitters: Arc<[Emitter]>,
     /// Near ones of them together, where they are many.
     pub emitter_groups: Arc<[EmitterGroup]>,
-    /// What shines. Lights and sky may be changed in place; emission changes by
-    /// [`Scene::set_lighting`], for materials and emitters follow from it.
+    /// Light sources. Lights and sky may be changed in place; emission changes by [`Scene::set_lighting`], for
+    /// materials and emitters follow from it.
     pub lighting: Lighting,
 }
 
@@ -95,11 +95,12 @@ impl Scene {
         Self::under(Arc::new(geometry), lighting)
     }
 
-    /// As [`Scene::new`], from triangles in the leaf order of a hierarchy that is there already, root first: their numbers, and
-    /// with them all random numbers, are the same as where it was built.
+    /// As [`Scene::new`], from triangles in the leaf order of a hierarchy that is there already, root first: their
+    /// numbers, and with them all random numbers, are the same as where it was built.
     ///
     /// # Errors
-    /// As [`Scene::new`], and [`Error::Hierarchy`] where the nodes are no tree, or a leaf names a triangle that is not there.
+    /// As [`Scene::new`], and [`Error::Hierarchy`] where the nodes are no tree, or a leaf names a triangle that is not
+    /// there.
     pub fn with_hierarchy(mut parts: SceneParts, nodes: Vec<BvhNode>) -> Result<Self, Error> {
         check(&parts)?;
         if !is_sound(&nodes, parts.triangles.len()) {
@@ -155,12 +156,13 @@ impl Scene {
         self.geometry.tables_with(&self.materials)
     }
 
-    /// [`Scene::tables`] with the host's own hierarchy: kernels' bodies that run on the host find the same hits sooner with it.
+    /// [`Scene::tables`] with the host's own hierarchy: kernels' bodies that run on the host find the same hits sooner
+    /// with it.
     pub fn host_tables(&self) -> GeometryTables<'_> {
         GeometryTables { hierarchy: self.geometry.hierarchy(), ..self.tables() }
     }
 
-    /// What shines beside the sky, as walks take it.
+    /// Light sources beside the sky, for walks.
     pub fn lamps(&self) -> Lamps<'_> {
         Lamps { lights: &self.lighting.lights, emitters: &self.emitters }
     }
@@ -190,12 +192,12 @@ impl Scene {
         }
     }
 
-    /// Whether the sky sends any light.
+    /// Returns true if the sky sends any light.
     pub fn has_sky(&self) -> bool {
         self.lighting.has_sky()
     }
 
-    /// Whether a medium between surfaces absorbs light.
+    /// Returns true if a medium between surfaces absorbs light.
     pub fn has_medium(&self) -> bool {
         self.geometry.absorption != Vec3::ZERO
     }
@@ -331,7 +333,7 @@ pub(super) fn check(parts: &SceneParts) -> Result<(), Error> {
     Ok(())
 }
 
-/// What rounding may add to the shares of a material.
+/// Rounding tolerance of the shares of a material.
 const ROUNDING: f32 = 1e-5;
 
 /// Refuses a material that would send more light than it gets.

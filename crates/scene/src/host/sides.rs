@@ -19,7 +19,7 @@ pub struct Sides {
     pub back: bool,
 }
 
-/// How the sides are chosen.
+/// Choice of sides.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum SidePolicy {
     /// Sides that see geometry, unless they close a space that no light enters: the inside of a solid, also of one
@@ -36,10 +36,10 @@ pub enum SidePolicy {
 /// Random walks from a side; each is one of its probe rays.
 const WALKS: u32 = 32;
 
-/// Chooses the sides of every triangle. [`SidePolicy::Lit`] sends 32 random walks of at most 16 diffuse reflections from
-/// each side; a side is lit if one of them leaves the scene, meets an emitter or comes to a point that sees a light or a
-/// random place of an emitter. At mirrors and glass half of the walks go on as light does.
-/// Walks go from point to point, so light on the open part of a floor does not enter a column that stands on it.
+/// Chooses the sides of every triangle. [`SidePolicy::Lit`] sends 32 random walks of at most 16 diffuse reflections
+/// from each side; a side is lit if one of them leaves the scene, meets an emitter or comes to a point that sees a
+/// light or a random place of an emitter. At mirrors and glass half of the walks go on as light does. Walks go from
+/// point to point, so light on the open part of a floor does not enter a column that stands on it.
 pub fn find_sides(scene: &Scene, policy: SidePolicy) -> Vec<Sides> {
     let count = scene.geometry.triangles.len();
     match policy {
@@ -50,8 +50,8 @@ pub fn find_sides(scene: &Scene, policy: SidePolicy) -> Vec<Sides> {
     find_lit_sides(scene, |_, _| false)
 }
 
-/// The sides by [`SidePolicy::Lit`], where those that are known to see geometry, by triangle and normal, need not meet it by
-/// their walks.
+/// The sides by [`SidePolicy::Lit`], where those that are known to see geometry, by triangle and normal, need not meet
+/// it by their walks.
 pub fn find_lit_sides(scene: &Scene, sees: impl Fn(u32, Vec3) -> bool + Sync) -> Vec<Sides> {
     let side = |t: usize, normal: Vec3| takes_part(scene, t as u32, normal, sees(t as u32, normal));
     let normal = |t: usize| scene.tables().normal(t as u32);
@@ -59,7 +59,7 @@ pub fn find_lit_sides(scene: &Scene, sees: impl Fn(u32, Vec3) -> bool + Sync) ->
     triangles.map(|t| Sides { front: side(t, normal(t)), back: side(t, -normal(t)) }).collect()
 }
 
-/// Whether the side of a triangle with this normal sees geometry, or is known to, and is lit.
+/// Returns true if the side of a triangle with this normal sees geometry, or is known to, and is lit.
 fn takes_part(scene: &Scene, triangle: u32, normal: Vec3, mut sees: bool) -> bool {
     let geometry = scene.host_tables();
     let lamps = scene.lamps();
@@ -88,13 +88,14 @@ fn takes_part(scene: &Scene, triangle: u32, normal: Vec3, mut sees: bool) -> boo
 /// Random walks from a point that are enough where the answer matters by itself.
 pub const POINT_WALKS: u32 = 8;
 
-/// Whether light comes to a point: a point inside of a solid, as where a column stands on a floor, has none. By this
-/// many random walks as in [`find_sides`].
+/// Returns true if light comes to a point: a point inside of a solid, as where a column stands on a floor, has none. By
+/// this many random walks as in [`find_sides`].
 pub fn is_open(scene: &Scene, point: &SurfacePoint, walks: u32, seed: u32) -> bool {
     walk::is_open(&scene.host_tables(), &scene.lamps(), &scene.walk_params(walks, 0), *point, seed)
 }
 
-/// What [`walk::part_taken`] says of a place: whether it sees geometry, and whether light comes to it by so many walks.
+/// Result of [`walk::part_taken`] for a place: whether it sees geometry, and whether light comes to it by so many
+/// walks.
 pub fn part_taken(scene: &Scene, point: &SurfacePoint, walks: u32, seed: u32) -> u32 {
     walk::part_taken(&scene.host_tables(), &scene.lamps(), &scene.walk_params(walks, seed), *point)
 }

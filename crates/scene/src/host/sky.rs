@@ -1,4 +1,5 @@
-//! The sky as bins of directions: what a point receives from it follows from the share of its rays that escape through each.
+//! The sky as bins of directions: what a point receives from it follows from the share of its rays that escape through
+//! each.
 
 use alloc::vec::Vec;
 
@@ -26,9 +27,9 @@ pub fn sky_bin(direction: Vec3) -> u32 {
     ring.min(RINGS - 1) * RING_BINS + (azimuth as u32).min(RING_BINS - 1)
 }
 
-/// What each bin stands for, `[SKY_BINS]`, W/m²: π times its mean radiance. A point receives its sum over the bins, each times
-/// the share of the point's cosine-weighted hemisphere that sees the sky there: exact for a sky that is even in each bin, as
-/// one without a map is.
+/// Exitance of each bin, `[SKY_BINS]`, W/m²: π times its mean radiance. A point receives its sum over the bins, each
+/// times the share of the point's cosine-weighted hemisphere that sees the sky there: exact for a sky that is even in
+/// each bin, as one without a map is.
 pub fn sky_exitance(lighting: &Lighting) -> Vec<Vec4> {
     let Lighting { sky, sky_map, .. } = lighting;
     if sky.map_width == 0 {

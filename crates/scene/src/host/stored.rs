@@ -13,8 +13,8 @@ use crate::error::Error;
 use crate::types::*;
 
 /// Most texels of a row or a column of a picture, and levels of its pyramid.
-const MOST_TEXELS: u32 = 1 << 15;
-const MOST_LEVELS: u32 = 16;
+const MAX_TEXELS: u32 = 1 << 15;
+const MAX_LEVELS: u32 = 16;
 
 /// The tables that a [`Geometry`] is written as, in the same order.
 #[derive(Deserialize)]
@@ -44,7 +44,7 @@ impl TryFrom<Tables> for Geometry {
         let materials = materials.to_vec();
         let parts = SceneParts { triangles, uvs, materials, textures, texels, absorption, ..SceneParts::default() };
         // Beyond these no size can be counted.
-        let is_countable = |t: &Texture| t.width.max(t.height) <= MOST_TEXELS && t.levels <= MOST_LEVELS;
+        let is_countable = |t: &Texture| t.width.max(t.height) <= MAX_TEXELS && t.levels <= MAX_LEVELS;
         if !parts.textures.iter().all(is_countable) {
             return Err(Error::TextureSize);
         }

@@ -1,5 +1,5 @@
-//! Rays on the host: the binary hierarchy folded eight wide, boxes tested eight and triangles four at a time in SIMD registers
-//! (glam's `Vec4`). The arithmetic of each lane is that of the kernels' bodies, so both give the same bits.
+//! Rays on the host: the binary hierarchy folded eight wide, boxes tested eight and triangles four at a time in SIMD
+//! registers (glam's `Vec4`). The arithmetic of each lane is that of the kernels' bodies, so both give the same bits.
 
 use alloc::vec::Vec;
 
@@ -35,7 +35,7 @@ struct Packet {
     edge_a: [Vec4; 3],
     edge_b: [Vec4; 3],
     first: u32,
-    /// Whether the leaf goes on in the next packet.
+    /// True if the leaf goes on in the next packet.
     more: bool,
     /// A bit for each triangle that may have holes.
     masked: u8,
@@ -119,9 +119,9 @@ fn cross(a: &[Vec4; 3], b: &[Vec4; 3]) -> [Vec4; 3] {
 }
 
 impl WideBvh {
-    /// Folds a binary hierarchy over triangles in its leaf order: an inner child with the largest box is replaced by its
-    /// two children until there are eight. Nothing when the result would be too deep for the traversal stack. Triangles that
-    /// are not `masked` have no holes.
+    /// Folds a binary hierarchy over triangles in its leaf order: an inner child with the largest box is replaced by
+    /// its two children until there are eight. Nothing when the result would be too deep for the traversal stack.
+    /// Triangles that are not `masked` have no holes.
     pub(crate) fn new(nodes: &[BvhNode], triangles: &[Triangle], masked: impl Fn(&Triangle) -> bool) -> Option<Self> {
         // The packets take most of a scene's memory: no room for more of them than there are.
         let packets = nodes.iter().map(|node| node.prim_count.div_ceil(4) as usize).sum();
@@ -190,8 +190,8 @@ impl WideBvh {
         index | LEAF
     }
 
-    /// A packet with a triangle in the way in (0, t_max) that `is_hole(triangle, u, v)` does not let pass, or [`NONE`]. Those that
-    /// are `likely`, [`NONE`] or packets, are asked first: they answer where the ray meets them well inside.
+    /// A packet with a triangle in the way in (0, t_max) that `is_hole(triangle, u, v)` does not let pass, or [`NONE`].
+    /// Those that are `likely`, [`NONE`] or packets, are asked first: they answer where the ray meets them well inside.
     #[inline]
     pub(crate) fn occluder(
         &self,

@@ -19,7 +19,7 @@ const OUTLINE: f32 = 1.0 / 256.0;
 pub struct Hierarchy<'a> {
     /// Nodes of the binary hierarchy, root first.
     pub nodes: &'a [BvhNode],
-    /// The same eight wide, where the host has it: rays go through this one then, with the same results.
+    /// Eight-wide hierarchy, where the host has it: rays go through this one then, with the same results.
     #[cfg(feature = "alloc")]
     pub(crate) wide: Option<&'a crate::host::WideBvh>,
 }
@@ -36,7 +36,7 @@ impl<'a> From<&'a [BvhNode]> for Hierarchy<'a> {
     }
 }
 
-/// What a ray needs to know of a scene.
+/// Tables for rays against a scene.
 #[derive(Clone, Copy, Debug)]
 pub struct GeometryTables<'a> {
     /// Hierarchy.
@@ -93,7 +93,7 @@ impl GeometryTables<'_> {
         texture::sample(t, self.texels, self.texture_coordinate(triangle, u, v), level).truncate()
     }
 
-    /// Whether the triangle mirrors light or lets it through.
+    /// Returns true if the triangle mirrors light or lets it through.
     #[inline]
     pub fn is_specular(&self, triangle: u32) -> bool {
         self.materials[self.triangles[triangle as usize].material as usize].is_specular()
@@ -117,7 +117,7 @@ impl GeometryTables<'_> {
         material.radiance * texture::sample(t, self.texels, self.texture_coordinate(triangle, u, v), 0).truncate()
     }
 
-    /// Whether the triangle has a hole at the shares (u, v).
+    /// Returns true if the triangle has a hole at the shares (u, v).
     #[inline]
     pub fn is_hole(&self, triangle: u32, u: f32, v: f32) -> bool {
         let material = self.materials[self.triangles[triangle as usize].material as usize];
@@ -209,7 +209,7 @@ pub fn closest_hit(g: &GeometryTables, origin: Vec3, direction: Vec3, t_max: f32
     traverse(g, origin, direction, t_max, false)
 }
 
-/// Whether anything is in the way along `origin + t·direction`, t in (0, t_max).
+/// Returns true if anything is in the way along `origin + t·direction`, t in (0, t_max).
 #[inline]
 pub fn any_hit(g: &GeometryTables, origin: Vec3, direction: Vec3, t_max: f32) -> bool {
     #[cfg(feature = "alloc")]
@@ -220,14 +220,16 @@ pub fn any_hit(g: &GeometryTables, origin: Vec3, direction: Vec3, t_max: f32) ->
     traverse(g, origin, direction, t_max, true).triangle != NONE
 }
 
-/// Whether a hit at shares (u, v) of a triangle's edges is not so near to its outline that a ray which touches it there may pass beside
-/// the boxes of the hierarchy: only then it may be taken for granted that the hierarchy knows it.
+/// Returns true if a hit at shares (u, v) of a triangle's edges is not so near to its outline that a ray which touches
+/// it there may pass beside the boxes of the hierarchy: only then it may be taken for granted that the hierarchy knows
+/// it.
 #[inline]
 pub fn is_well_inside(u: f32, v: f32) -> bool {
     u >= OUTLINE && v >= OUTLINE && u + v <= 1.0 - OUTLINE
 }
 
-/// Whether this triangle is in the way along `origin + t·direction`, t in (0, t_max), well inside of its outline; [`NONE`] is not.
+/// Returns true if this triangle is in the way along `origin + t·direction`, t in (0, t_max), well inside of its
+/// outline; [`NONE`] is not.
 #[inline]
 fn is_in_the_way(g: &GeometryTables, triangle: u32, origin: Vec3, direction: Vec3, t_max: f32) -> bool {
     if triangle == NONE {
@@ -237,8 +239,8 @@ fn is_in_the_way(g: &GeometryTables, triangle: u32, origin: Vec3, direction: Vec
     hit.triangle != NONE && is_well_inside(hit.u, hit.v) && !g.is_hole(triangle, hit.u, hit.v)
 }
 
-/// A triangle in the way along `origin + t·direction`, t in (0, t_max), or [`NONE`]. What was in the way of a ray like this one
-/// (`last`, or [`NONE`]) is asked first.
+/// A triangle in the way along `origin + t·direction`, t in (0, t_max), or [`NONE`]. What was in the way of a ray like
+/// this one (`last`, or [`NONE`]) is asked first.
 #[inline]
 pub fn occluder(g: &GeometryTables, origin: Vec3, direction: Vec3, t_max: f32, last: u32) -> u32 {
     if is_in_the_way(g, last, origin, direction, t_max) {
@@ -247,8 +249,8 @@ pub fn occluder(g: &GeometryTables, origin: Vec3, direction: Vec3, t_max: f32, l
     traverse(g, origin, direction, t_max, true).triangle
 }
 
-/// [`occluder`] on the host, which names what is in the way by its place in the host's hierarchy, if there is one: two such names
-/// are asked first.
+/// [`occluder`] on the host, which names what is in the way by its place in the host's hierarchy, if there is one: two
+/// such names are asked first.
 #[cfg(feature = "alloc")]
 #[inline]
 pub fn host_occluder(g: &GeometryTables, origin: Vec3, direction: Vec3, t_max: f32, likely: [u32; 2]) -> u32 {

@@ -14,8 +14,8 @@ pub fn camera_direction(camera: &Camera, x: f32, y: f32) -> Vec3 {
     camera.forward + camera.right * sx + camera.up * sy
 }
 
-/// Position in the square of pixel `index` for sub-frame `seed` (box filter): random, or where the camera says so the same in
-/// every pixel, a point of Hammersley's set in the middle of its cell.
+/// Position in the square of pixel `index` for sub-frame `seed` (box filter): random, or where the camera says so the
+/// same in every pixel, a point of Hammersley's set in the middle of its cell.
 #[inline]
 pub fn pixel_position(camera: &Camera, index: u32, seed: u32) -> (f32, f32) {
     let (x, y) = (index % camera.width, index / camera.width);
@@ -27,8 +27,8 @@ pub fn pixel_position(camera: &Camera, index: u32, seed: u32) -> (f32, f32) {
     (x as f32 + unit(hash3(index, 0x7069_7865, seed)), y as f32 + unit(hash3(index, 0x6c79_0000, seed)))
 }
 
-/// Where fixed sub-frames stand in their share of a pixel: neither in its middle nor on its border, where the rays of a camera
-/// that looks straight at a box meet its edges exactly.
+/// Position of fixed sub-frames in their share of a pixel: neither in its middle nor on its border, where the rays of a
+/// camera that looks straight at a box meet its edges exactly.
 const OFF_MIDDLE: (f32, f32) = (0.57, 0.46);
 
 /// Unit direction of the primary ray of a pixel in a sub-frame.
@@ -39,14 +39,14 @@ pub fn primary_direction(camera: &Camera, index: u32, seed: u32) -> Vec3 {
     d * (1.0 / d.length())
 }
 
-/// What the primary ray of pixel `index` meets in sub-frame `seed`.
+/// Hit of the primary ray of pixel `index` in sub-frame `seed`.
 #[inline]
 pub fn primary_hit(g: &GeometryTables, camera: &Camera, index: u32, seed: u32) -> Hit {
     closest_hit(g, camera.eye, primary_direction(camera, index, seed), FAR)
 }
 
-/// The hit as a point to be lit: position, and the normal of the side from which it is seen. A miss gives `patch == NONE`
-/// and a zero normal, which receives nothing.
+/// The hit as a point to be lit: position, and the normal of the side from which it is seen. A miss gives `patch ==
+/// NONE` and a zero normal, which receives nothing.
 #[inline]
 pub fn surface_point(g: &GeometryTables, hit: Hit, direction: Vec3) -> SurfacePoint {
     let mut point = SurfacePoint { position: Vec3::ZERO, patch: NONE, normal: Vec3::ZERO, weight: 1.0 };

@@ -1,6 +1,6 @@
 //! Direct light of what is large, without noise: the irradiance that rectangles and emissive triangles would send were
-//! nothing in the way, exactly, times the share of it that shadow rays of a fixed pattern see, averaged over like pixels
-//! (Heitz, Hill and McGuire 2018, "Combining analytic direct illumination and stochastic shadows").
+//! nothing in the way, exactly, times the share of it that shadow rays of a fixed pattern see, averaged over like
+//! pixels (Heitz, Hill and McGuire 2018, "Combining analytic direct illumination and stochastic shadows").
 
 use core::f32::consts::FRAC_1_PI;
 
@@ -19,21 +19,21 @@ use crate::types::{
 /// Edge of the squares of pixels whose shadow rays together are one pattern.
 pub const TILE: u32 = 4;
 /// Emitters up to this many count exactly where nothing is in the way; more by groups.
-pub const MOST_EXACT_EMITTERS: u32 = 64;
+pub const MAX_EXACT_EMITTERS: u32 = 64;
 /// Points of many emitters among which that of a shadow ray is chosen.
 const CANDIDATES: u32 = 8;
 /// Points of a triangle whose emission is textured.
 const TEXTURED_POINTS: u32 = 4;
 /// A polygon whose squared extent is below this share of its squared distance is as good as a point: to 10⁻⁴.
 const SMALL: f32 = 1e-4;
-/// Distance in pixels to the furthest pixels that share visibility; those count half, so that each place of a tile counts
-/// the same.
+/// Distance in pixels to the furthest pixels that share visibility; those count half, so that each place of a tile
+/// counts the same.
 pub const REACH: i32 = 2;
 /// Cosine between normals of pixels that share visibility, at least, and their slope out of the surface, at most.
 const LIKE_NORMALS: f32 = 0.9;
-const MOST_SLOPE: f32 = 0.1;
+const MAX_SLOPE: f32 = 0.1;
 
-/// What one edge of a polygon adds to the contour sum: its angle times the component of its normal.
+/// Contribution of one edge of a polygon to the contour sum: its angle times the component of its normal.
 #[inline]
 fn edge_term(a: Vec3, b: Vec3, normal: Vec3) -> f32 {
     let c = a.cross(b);
@@ -41,7 +41,8 @@ fn edge_term(a: Vec3, b: Vec3, normal: Vec3) -> f32 {
     if length > 0.0 { atan2(length, a.dot(b)) * c.dot(normal) / length } else { 0.0 }
 }
 
-/// A contour sum while edges are added: the part above the horizon, where the outline last went below, and where it came up.
+/// A contour sum while edges are added: the part above the horizon, where the outline last went below, and where it
+/// came up.
 #[derive(Clone, Copy)]
 struct Contour {
     sum: f32,
@@ -79,10 +80,10 @@ impl Contour {
     }
 }
 
-/// Irradiance over radiance at `origin` with this unit normal from the front of a triangle with these corners and area normal
-/// (`edge_a × edge_b`), or of the parallelogram that has three of its corners there: `½ Σ γ_i Γ_i·n` over the edges of what is
-/// above the horizon, with the angle γ_i and the unit normal Γ_i of the plane of each edge and the point (Lambert 1760; Baum,
-/// Rushmeier and Winget 1989). 0 behind either; as a point where it is small.
+/// Irradiance over radiance at `origin` with this unit normal from the front of a triangle with these corners and area
+/// normal (`edge_a × edge_b`), or of the parallelogram that has three of its corners there: `½ Σ γ_i Γ_i·n` over the
+/// edges of what is above the horizon, with the angle γ_i and the unit normal Γ_i of the plane of each edge and the
+/// point (Lambert 1760; Baum, Rushmeier and Winget 1989). 0 behind either; as a point where it is small.
 #[inline]
 pub fn polygon_irradiance(
     is_triangle: bool,
@@ -158,7 +159,8 @@ fn emitter_irradiance(g: &GeometryTables, p: &LargeParams, e: &Emitter, origin: 
     sum * (e.area / TEXTURED_POINTS as f32)
 }
 
-/// How an emitter counts when rays are shared out: its power, and about how it faces the point; 0 only where no light comes.
+/// Weight of an emitter when rays are shared out: its power, and roughly its orientation to the point; 0 only where no
+/// light comes.
 #[inline]
 fn emitter_weight(g: &GeometryTables, e: &Emitter, origin: Vec3, normal: Vec3) -> f32 {
     let t = g.triangles[e.triangle as usize];
@@ -181,8 +183,8 @@ fn fixed_point(k: u32, slot: u32) -> (f32, f32) {
     (unit(x ^ hash3(slot, 0x6c61_7267, 0)), unit(y ^ hash3(slot, 0x6c61_7267, 1)))
 }
 
-/// Number of a pixel's first sample of a sub-frame: the samples of a pixel in all sub-frames follow each other, and so do
-/// those of the pixels of a tile, so that either are a net.
+/// Number of a pixel's first sample of a sub-frame: the samples of a pixel in all sub-frames follow each other, and so
+/// do those of the pixels of a tile, so that either are a net.
 #[inline]
 fn first_sample(p: &LargeParams, index: u32) -> u32 {
     let (x, y) = (index % p.camera.width, index / p.camera.width);
@@ -232,7 +234,8 @@ pub fn group_irradiance(group: &EmitterGroup, origin: Vec3, normal: Vec3) -> Vec
     if power > 0.0 { group.color * (power * cosine * inverse / squared) } else { Vec3::ZERO }
 }
 
-/// Sum of a pixel's radiance from all rectangles and emitters after one more sub-frame, W/m²/sr, were nothing in the way.
+/// Sum of a pixel's radiance from all rectangles and emitters after one more sub-frame, W/m²/sr, were nothing in the
+/// way.
 #[inline]
 #[allow(clippy::too_many_arguments)]
 pub fn add_open_light(
@@ -294,8 +297,8 @@ fn rect_samples<M: Medium>(
     ((seen * light.area).of(light.color), light.color * (all * light.area))
 }
 
-/// The emitter to which `x` of the unit interval falls when they share it by weight, what of it is left of x, uniform, and its
-/// probability.
+/// The emitter to which `x` of the unit interval falls when they share it by weight, what of it is left of x, uniform,
+/// and its probability.
 #[inline]
 fn emitter_at(
     g: &GeometryTables,
@@ -364,8 +367,8 @@ fn candidate(g: &GeometryTables, p: &LargeParams, k: u32, lights: &Lights, from:
     (found * (e.area / e.probability), to)
 }
 
-/// Light of the samples of many emitters: each ray goes to one of some candidates, chosen by their light, and stands for all of
-/// them (resampled importance sampling, Talbot, Cline and Egbert 2005).
+/// Light of the samples of many emitters: each ray goes to one of some candidates, chosen by their light, and stands
+/// for all of them (resampled importance sampling, Talbot, Cline and Egbert 2005).
 #[inline]
 fn many_emitter_samples(
     g: &GeometryTables,
@@ -406,8 +409,8 @@ fn many_emitter_samples(
     (seen * (1.0 / CANDIDATES as f32), all * (1.0 / CANDIDATES as f32))
 }
 
-/// Sums of a pixel's radiance from samples of all rectangles and emitters after one more sub-frame, W/m²/sr: of those that
-/// the pixel sees, as far as the medium leaves it, and of all. Their ratio is the share of the light that arrives.
+/// Sums of a pixel's radiance from samples of all rectangles and emitters after one more sub-frame, W/m²/sr: of those
+/// that the pixel sees, as far as the medium leaves it, and of all. Their ratio is the share of the light that arrives.
 #[inline]
 #[allow(clippy::too_many_arguments)]
 pub fn add_seen_light(
@@ -437,7 +440,7 @@ pub fn add_seen_light(
         }
     }
     if p.emitter_count > 0 {
-        let found = if p.emitter_count > MOST_EXACT_EMITTERS {
+        let found = if p.emitter_count > MAX_EXACT_EMITTERS {
             many_emitter_samples(g, p, first, lights, from, medium, occluded)
         } else {
             emitter_samples(g, p, first, lights, from, medium, occluded)
@@ -448,9 +451,9 @@ pub fn add_seen_light(
     (sums.0 + (factor * seen).extend(0.0), sums.1 + (factor * all).extend(0.0))
 }
 
-/// Irradiance at point `index`, W/m²: from parallel, point and spot lights and luminaires by a shadow ray each, and what the sky sends. Where no
-/// receiver tells the latter (`sky.w` is 0: there is hardly anything but sky to be seen), `sky_rays` rays do. What receivers tell is
-/// what the medium has left.
+/// Irradiance at point `index`, W/m²: from parallel, point and spot lights and luminaires by a shadow ray each, and
+/// what the sky sends. Where no receiver tells the latter (`sky.w` is 0: there is hardly anything but sky to be seen),
+/// `sky_rays` rays do. What receivers tell is what the medium has left.
 #[inline]
 pub fn sharp_irradiance(
     p: &DirectParams,
@@ -489,8 +492,8 @@ fn grey_share(seen: Vec4, all: Vec4) -> f32 {
     if all > 0.0 { luminance(seen.truncate()) / all } else { -1.0 }
 }
 
-/// Radiance of pixel `index` from rectangles and emitters, W/m²/sr: what `open` says times the share that samples see, its
-/// mean over pixels about on the same surface that see a like share. Shapes: all tables `[count_about]`, from pixel
+/// Radiance of pixel `index` from rectangles and emitters, W/m²/sr: what `open` says times the share that samples see,
+/// its mean over pixels about on the same surface that see a like share. Shapes: all tables `[count_about]`, from pixel
 /// `first_about` on; they hold all pixels of the picture up to [`REACH`] columns and rows away.
 #[inline]
 pub fn shadowed_light(
@@ -525,7 +528,7 @@ pub fn shadowed_light(
             let is_like = share >= 0.0
                 && (own < 0.0 || abs(share - own) <= p.tolerance)
                 && there.normal.dot(here.normal) >= LIKE_NORMALS
-                && slope * slope <= MOST_SLOPE * MOST_SLOPE * way.length_squared();
+                && slope * slope <= MAX_SLOPE * MAX_SLOPE * way.length_squared();
             if is_like || is_own && share >= 0.0 {
                 let half_x = if dx == REACH || dx == -REACH { 0.5 } else { 1.0 };
                 let half_y = if dy == REACH || dy == -REACH { 0.5 } else { 1.0 };

@@ -12,8 +12,8 @@ use crate::types::{
     DirectParams, Emitter, LIGHT_DIRECTIONAL, LIGHT_LUMINAIRE, LIGHT_RECT, LIGHT_SPOT, Light, Sky, SurfacePoint,
 };
 
-/// Words before the values of a distribution: its first γ in radians, its steps of γ per radian, its number of steps of γ, and
-/// its number of half-planes, 0 where it is the same in all.
+/// Words before the values of a distribution: its first γ in radians, its steps of γ per radian, its number of steps of
+/// γ, and its number of half-planes, 0 where it is the same in all.
 pub const DISTRIBUTION_HEADER: u32 = 4;
 /// Steps of γ by which a direction may lie outside of a distribution by rounding.
 const OUTSIDE: f32 = 1e-3;
@@ -40,9 +40,9 @@ pub fn spot_falloff(light: &Light, cosine: f32) -> f32 {
     x * x * (3.0 - 2.0 * x)
 }
 
-/// Intensity of a luminaire along `away`, of any length, over its mean: bilinear in γ and C, as LM-63 and CIE 121 have it; 0 beyond
-/// the angles that were measured. Shape of a distribution: [`DISTRIBUTION_HEADER`] words, then `steps + 1` values of each
-/// half-plane, which lie at equal angles from C = 0 on.
+/// Intensity of a luminaire along `away`, of any length, over its mean: bilinear in γ and C, as LM-63 and CIE 121 have
+/// it; 0 beyond the angles that were measured. Shape of a distribution: [`DISTRIBUTION_HEADER`] words, then `steps + 1`
+/// values of each half-plane, which lie at equal angles from C = 0 on.
 #[inline]
 pub fn luminaire_share(light: &Light, distributions: &[f32], away: Vec3) -> f32 {
     let first = light.distribution;
@@ -123,7 +123,8 @@ pub fn pick_emitter(emitters: &[Emitter], count: u32, x: f32) -> u32 {
     low
 }
 
-/// Geometric part of light from a small area at `target` with unit normal `target_normal`: cosθ cosθ'/r², 0 behind either.
+/// Geometric part of light from a small area at `target` with unit normal `target_normal`: cosθ cosθ'/r², 0 behind
+/// either.
 #[inline]
 fn coupling(to: Vec3, normal: Vec3, target_normal: Vec3) -> f32 {
     let squared = to.length_squared();
@@ -131,11 +132,12 @@ fn coupling(to: Vec3, normal: Vec3, target_normal: Vec3) -> f32 {
     if here > 0.0 && there > 0.0 { here * there / (squared * squared) } else { 0.0 }
 }
 
-/// Light of a parallel, point or spot light or a luminaire at a point, were nothing in the way: the irradiance is `color · share`.
+/// Light of a parallel, point or spot light or a luminaire at a point, were nothing in the way: the irradiance is
+/// `color · share`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Arrival {
-    /// Irradiance over the light's `color`: cosθ, cosθ/r² or that times the spot's falloff or the luminaire's share; 0 behind the
-    /// surface.
+    /// Irradiance over the light's `color`: cosθ, cosθ/r² or that times the spot's falloff or the luminaire's share; 0
+    /// behind the surface.
     pub share: f32,
     /// Way to the light, and how far along it something would be in the way.
     pub to_light: Vec3,
@@ -151,7 +153,7 @@ impl Arrival {
     }
 }
 
-/// What a light that is not an area sends to a point with this unit normal, without shadows.
+/// Light that a source without area sends to a point with this unit normal, without shadows.
 #[inline]
 pub fn unoccluded(light: &Light, distributions: &[f32], origin: Vec3, normal: Vec3) -> Arrival {
     if light.kind == LIGHT_DIRECTIONAL {
@@ -174,8 +176,8 @@ pub fn unoccluded(light: &Light, distributions: &[f32], origin: Vec3, normal: Ve
     Arrival { share, to_light: to, t_max: 1.0 }
 }
 
-/// Irradiance from one light over its `color`, without shadow rays for parts behind the surface. `index` numbers the point,
-/// `slot` the light.
+/// Irradiance from one light over its `color`, without shadow rays for parts behind the surface. `index` numbers the
+/// point, `slot` the light.
 #[inline]
 #[allow(clippy::too_many_arguments)]
 fn light_share<M: Medium>(
@@ -210,8 +212,9 @@ fn light_share<M: Medium>(
     }
 }
 
-/// Share of a light's `color` that arrives at a point as irradiance: 1 (parallel light), 1/m² (point, spot) or sr (rectangle).
-/// It depends on where the light is, not on how bright, so that it can be kept while lights are dimmed and switched.
+/// Share of a light's `color` that arrives at a point as irradiance: 1 (parallel light), 1/m² (point, spot) or sr
+/// (rectangle). It depends on where the light is, not on how bright, so that it can be kept while lights are dimmed and
+/// switched.
 #[inline]
 pub fn irradiance_share(
     p: &DirectParams,
@@ -229,8 +232,8 @@ pub fn irradiance_share(
     light_share(p, index, slot, light, distributions, (point.position + normal * p.ray_offset, normal), Air, occluded)
 }
 
-/// H_d of point `k`, W/m²: the light of emitters and sky there, and of each light its colour times the point's share of it.
-/// Shapes: `shares[light_count · count]`, light by light.
+/// H_d of point `k`, W/m²: the light of emitters and sky there, and of each light its colour times the point's share of
+/// it. Shapes: `shares[light_count · count]`, light by light.
 #[inline]
 pub fn add_lights(k: u32, p: &DirectParams, lights: &[Light], shares: &[f32], surroundings: Vec4) -> Vec4 {
     let mut sum = Vec3::ZERO;
@@ -240,10 +243,10 @@ pub fn add_lights(k: u32, p: &DirectParams, lights: &[Light], shares: &[f32], su
     (sum + surroundings.truncate()).extend(0.0)
 }
 
-/// Direct irradiance H_d at a point, W/m², by shadow rays: one to each parallel, point and spot light and to each luminaire,
-/// `area_rays` to each rectangle, as many to all emitters together (picked in proportion to their power, uniform on the
-/// triangle), `sky_rays` cosine-weighted ones to the sky. `occluded(origin, direction, t_max)` tells whether a ray is stopped. Of
-/// light of suns and of the sky the medium leaves what it leaves after [`FAR`].
+/// Direct irradiance H_d at a point, W/m², by shadow rays: one to each parallel, point and spot light and to each
+/// luminaire, `area_rays` to each rectangle, as many to all emitters together (picked in proportion to their power,
+/// uniform on the triangle), `sky_rays` cosine-weighted ones to the sky. `occluded(origin, direction, t_max)` tells
+/// whether a ray is stopped. Of light of suns and of the sky the medium leaves what it leaves after [`FAR`].
 #[inline]
 pub fn direct_irradiance(
     g: &GeometryTables,
@@ -288,7 +291,8 @@ pub fn direct_irradiance(
     sum
 }
 
-/// Irradiance from the sky at a point, W/m²: by `sky_rays` cosine-weighted rays, 0 without any. `index` numbers the point.
+/// Irradiance from the sky at a point, W/m²: by `sky_rays` cosine-weighted rays, 0 without any. `index` numbers the
+/// point.
 #[inline]
 pub fn sky_irradiance(
     p: &DirectParams,
@@ -311,7 +315,7 @@ pub fn sky_irradiance(
     light * (PI / p.sky_rays as f32)
 }
 
-/// Where the ray meets the front of a rectangle light before `t_max`: the distance, else [`FAR`].
+/// Distance to the front of a rectangle light before `t_max`, else [`FAR`].
 #[inline]
 pub fn meet_rect(light: &Light, origin: Vec3, direction: Vec3, t_max: f32) -> f32 {
     if light.kind != LIGHT_RECT {

@@ -1,4 +1,4 @@
-//! What fills the space between surfaces: light is absorbed on its way, and not scattered (Beer and Lambert).
+//! Medium between surfaces: light is absorbed on its way, and not scattered (Beer and Lambert).
 
 use core::ops::{AddAssign, Div, Mul};
 
@@ -6,8 +6,8 @@ use glam::Vec3;
 
 use crate::math::exp_minus;
 
-/// Share of light that is left after a way of `distance` m through a medium that absorbs `absorption` of it on each metre:
-/// `T = e^(−σ d)`, channel by channel. 1 without a medium, bit for bit.
+/// Share of light that is left after a way of `distance` m through a medium that absorbs `absorption` of it on each
+/// metre: `T = e^(−σ d)`, channel by channel. 1 without a medium, bit for bit.
 #[inline]
 pub fn transmittance(absorption: Vec3, distance: f32) -> Vec3 {
     Vec3::new(
@@ -44,9 +44,9 @@ impl Share for Vec3 {
     }
 }
 
-/// What is between surfaces: how much it leaves of light.
+/// Medium between surfaces: transmitted light.
 pub trait Medium: Copy {
-    /// What it leaves.
+    /// Transmittance.
     type Left: Share;
 
     /// Share of light that is left after a way of so many m.

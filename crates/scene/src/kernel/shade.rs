@@ -10,8 +10,8 @@ use super::light::{Lights, meet_rect, sky_radiance};
 use crate::math::{clamp, pow};
 use crate::types::{Camera, Hit, NONE};
 
-/// Radiance to the eye, W/m²/sr: `L = L_e + ρ/π (H_d + H)`; the sky, or a rectangle light in front of the surface, shows
-/// its own radiance. `albedo` is that of the surface.
+/// Radiance to the eye, W/m²/sr: `L = L_e + ρ/π (H_d + H)`; the sky, or a rectangle light in front of the surface,
+/// shows its own radiance. `albedo` is that of the surface.
 #[inline]
 #[allow(clippy::too_many_arguments)]
 pub fn pixel_radiance(
@@ -50,8 +50,9 @@ pub fn pixel_albedo(g: &GeometryTables, hit: Hit) -> Vec4 {
     if hit.triangle == NONE { Vec4::ZERO } else { g.albedo(hit.triangle, hit.u, hit.v).extend(0.0) }
 }
 
-/// Sum of a pixel's radiance after one more sub-frame, W/m²/sr: what its primary ray of sub-frame `seed` met, lit by the
-/// direct and the indirect irradiance there, with the albedo of the surface. The fourth component counts the sub-frames.
+/// Sum of a pixel's radiance after one more sub-frame, W/m²/sr: what its primary ray of sub-frame `seed` met, lit by
+/// the direct and the indirect irradiance there, with the albedo of the surface. The fourth component counts the
+/// sub-frames.
 #[inline]
 #[allow(clippy::too_many_arguments)]
 pub fn add_sub_frame(

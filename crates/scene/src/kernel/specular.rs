@@ -1,5 +1,5 @@
-//! The specular parts of a surface: mirrors, and boundaries of clear dielectrics (Snell, Fresnel). Light that comes along one
-//! direction goes on along one or two.
+//! The specular parts of a surface: mirrors, and boundaries of clear dielectrics (Snell, Fresnel). Light that comes
+//! along one direction goes on along one or two.
 
 use core::f32::consts::FRAC_1_PI;
 
@@ -15,9 +15,9 @@ use crate::sampling::{hash3, owen_scramble, unit};
 use crate::types::{Camera, Hit, NONE, SpecularChain};
 
 /// Surfaces that a ray of a pixel meets at most; what lies beyond is dark.
-const MOST_SURFACES: u32 = 32;
+const MAX_SURFACES: u32 = 32;
 
-/// What becomes of light that meets a surface along a direction, beside what it reflects diffusely.
+/// Specular parts of light that meets a surface along a direction, beside diffuse reflection.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SpecularParts {
     /// Share that is mirrored: `m + τ R`, R Fresnel's reflectance.
@@ -30,12 +30,13 @@ pub struct SpecularParts {
     pub mirror_direction: Vec3,
     /// Unit direction of what goes through.
     pub refracted_direction: Vec3,
-    /// Radiance before the surface over that behind it, where the light goes through: n²/n′² with the indices before and behind.
+    /// Radiance before the surface over that behind it, where the light goes through: n²/n′² with the indices before
+    /// and behind.
     pub radiance_ratio: f32,
 }
 
-/// Fresnel's reflectance of a boundary for light that is not polarised. `cosine` is that of the angle of incidence, `index` the
-/// index of refraction behind the boundary over that before it. 1 beyond the critical angle.
+/// Fresnel's reflectance of a boundary for light that is not polarised. `cosine` is that of the angle of incidence,
+/// `index` the index of refraction behind the boundary over that before it. 1 beyond the critical angle.
 #[inline]
 pub fn fresnel(cosine: f32, index: f32) -> f32 {
     let there = refracted_cosine(cosine, index);
@@ -89,18 +90,18 @@ pub fn specular_parts(g: &GeometryTables, triangle: u32, direction: Vec3) -> Spe
     }
 }
 
-/// A number in [0, 1) for the surface of a chain with this number, in sub-frame `seed` of a pixel: those of sub-frames that follow
-/// each other are spread evenly.
+/// A number in [0, 1) for the surface of a chain with this number, in sub-frame `seed` of a pixel: those of sub-frames
+/// that follow each other are spread evenly.
 #[inline]
 fn chance(index: u32, seed: u32, surface: u32) -> f32 {
     let key = hash3(index, surface, 0x7370_6563);
     unit(owen_scramble(owen_scramble(seed, key).reverse_bits(), key ^ 0x9e37_79b9))
 }
 
-/// What the primary ray of pixel `index` shows in sub-frame `seed`, by way of mirrors and through clear glass, where chance picks among
-/// the parts of each surface by luminance: the surface whose diffuse part it comes to, or [`Hit::MISS`], and what it has been through
-/// and seen shine, the sky and rectangle lights among it, as far as a medium with this `absorption` leaves it. The distance t is that of
-/// the first surface.
+/// Surface shown by the primary ray of pixel `index` in sub-frame `seed`, by way of mirrors and through clear glass,
+/// where chance picks among the parts of each surface by luminance: the surface whose diffuse part it comes to, or
+/// [`Hit::MISS`], with the emission seen on the way (sky and rectangle lights among it), attenuated by a medium with
+/// this `absorption`. The distance t is that of the first surface.
 #[inline]
 #[allow(clippy::too_many_arguments)]
 pub fn follow_primary(
@@ -117,7 +118,7 @@ pub fn follow_primary(
     let mut chain = SpecularChain { through: Vec3::ONE, ..SpecularChain::default() };
     chain.direction = primary_direction(camera, index, seed);
     let mut first = 0.0;
-    while chain.surfaces < MOST_SURFACES {
+    while chain.surfaces < MAX_SURFACES {
         let mut hit = closest_hit(g, origin, chain.direction, FAR);
         let (mut nearest, mut rect) = (if hit.triangle == NONE { FAR } else { hit.t }, NONE);
         for k in 0..light_count {
@@ -180,8 +181,8 @@ pub fn chain_albedo(g: &GeometryTables, hit: Hit, chain: SpecularChain) -> Vec4 
     pixel_albedo(g, hit) * chain.through.extend(1.0)
 }
 
-/// Sum of a pixel's radiance after one more sub-frame, W/m²/sr, as [`super::shade::add_sub_frame`] has it, of what a chain shows with
-/// its [`chain_albedo`]: `L = L_shone + ρ/π (H_d + H)`.
+/// Sum of a pixel's radiance after one more sub-frame, W/m²/sr, as [`super::shade::add_sub_frame`] has it, of what a
+/// chain shows with its [`chain_albedo`]: `L = L_shone + ρ/π (H_d + H)`.
 #[inline]
 pub fn add_chain_sub_frame(chain: SpecularChain, albedo: Vec4, direct: Vec4, indirect: Vec4, sum: Vec4) -> Vec4 {
     let reflected = albedo.truncate() * (direct + indirect).truncate() * FRAC_1_PI;

@@ -1,4 +1,4 @@
-//! Whether light comes to a place, by random walks from surface point to surface point.
+//! Reachability of light at a place, by random walks from surface point to surface point.
 
 use glam::Vec3;
 
@@ -21,16 +21,16 @@ const RAYS: u32 = 16;
 const RAYS_SALT: u32 = 0x6c69_7421;
 /// Surfaces that a walk meets at most.
 const STEPS: u32 = 16;
-/// What is nearer than this touches the surface, in ray offsets.
+/// Distance below which a hit touches the surface, in ray offsets.
 const TOUCHING: f32 = 4.0;
 
-/// Whether a surface touches the one that a ray starts from.
+/// Returns true if a surface touches the one that a ray starts from.
 #[inline]
 pub fn touches(hit: Hit, ray_offset: f32) -> bool {
     hit.triangle != NONE && hit.t <= TOUCHING * ray_offset
 }
 
-/// What shines beside the sky.
+/// Light sources beside the sky.
 #[derive(Clone, Copy)]
 pub struct Lamps<'a> {
     /// Lights that are not geometry.
@@ -39,9 +39,9 @@ pub struct Lamps<'a> {
     pub emitters: &'a [Emitter],
 }
 
-/// Whether a place sees geometry, or is known to where its weight is above 0, and whether light comes to it: [`APART`], [`DARK`]
-/// or [`LIT`]. What also sees the sky is lit without a walk. `patch` numbers the place for its random numbers. Where the weight is
-/// below 0 walks alone decide between [`DARK`] and [`LIT`], and `patch` is their seed: [`is_open`].
+/// Class of a place by what it sees, and by whether light comes to it: [`APART`], [`DARK`] or [`LIT`]. What also sees
+/// the sky is lit without a walk. `patch` numbers the place for its random numbers. Where the weight is below 0 walks
+/// alone decide between [`DARK`] and [`LIT`], and `patch` is their seed: [`is_open`].
 #[inline]
 pub fn part_taken(g: &GeometryTables, lamps: &Lamps, p: &WalkParams, point: SurfacePoint) -> u32 {
     let seed = p.seed ^ RAYS_SALT;
@@ -72,8 +72,8 @@ pub fn part_taken(g: &GeometryTables, lamps: &Lamps, p: &WalkParams, point: Surf
     part
 }
 
-/// Whether one of the walks from `first_walk` to `end_walk`, of `walks` random ones from a point, comes to light. All in one loop,
-/// a segment of a walk in each round.
+/// Returns true if one of the walks from `first_walk` to `end_walk`, of `walks` random ones from a point, comes to
+/// light. All in one loop, a segment of a walk in each round.
 #[inline]
 pub fn is_open(g: &GeometryTables, lamps: &Lamps, p: &WalkParams, point: SurfacePoint, seed: u32) -> bool {
     let shift = (hash3(seed, 0, 1), hash3(seed, 1, 1));
@@ -110,8 +110,8 @@ pub fn is_open(g: &GeometryTables, lamps: &Lamps, p: &WalkParams, point: Surface
     found
 }
 
-/// Follows a walk on from its first hit, by at most 16 surfaces: whether it leaves the scene, meets an emitter, or comes to a
-/// point that sees a light or a random place of an emitter.
+/// Follows a walk on from its first hit, by at most 16 surfaces: whether it leaves the scene, meets an emitter, or
+/// comes to a point that sees a light or a random place of an emitter.
 #[inline]
 pub fn finds_light(
     g: &GeometryTables,
@@ -141,7 +141,7 @@ pub fn finds_light(
     found
 }
 
-/// Where a walk goes on from a surface, and whether light comes there.
+/// Next surface of a walk, and whether light comes there.
 struct Visit {
     is_lit: bool,
     origin: Vec3,
@@ -188,7 +188,8 @@ fn visit(
     if !is_lit && p.emitter_count > 0 {
         is_lit = sees_emitter(g, lamps, p, origin, normal, (random(4), random(5), random(6)));
     }
-    // What a specular surface mirrors or lets through, each half of the times where it does both, and for half of the walks.
+    // What a specular surface mirrors or lets through, each half of the times where it does both, and for half of the
+    // walks.
     if g.is_specular(hit.triangle) && random(7) >= 0.5 {
         let parts = specular_parts(g, hit.triangle, direction);
         let above = parts.normal * p.ray_offset;
@@ -201,7 +202,8 @@ fn visit(
     Visit { is_lit, origin, direction: cosine_hemisphere(normal, (random(2), random(3))) }
 }
 
-/// Whether a random place of a random emitter shines on a point: a small lamp, or one in a housing, is hardly met by chance.
+/// Returns true if a random place of a random emitter shines on a point: a small lamp, or one in a housing, is hardly
+/// met by chance.
 #[inline]
 fn sees_emitter(
     g: &GeometryTables,

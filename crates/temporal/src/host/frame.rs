@@ -1,4 +1,4 @@
-//! What a frame does, and the light that stays from frame to frame.
+//! Settings of a frame, and the light that stays from frame to frame.
 
 use alloc::vec::Vec;
 
@@ -11,9 +11,9 @@ use crate::kernel::sample::{AUTO, CONTROL, ROTATED, change};
 use crate::types::{SampleParams, SumParams};
 
 /// Most samples of a row in a frame.
-pub const MOST_SAMPLES: u32 = 1 << 16;
+pub const MAX_SAMPLES: u32 = 1 << 16;
 /// Greatest weight of the frames before: 2²⁰ frames are averaged.
-const MOST_BLEND: f32 = 1.0 - 1.0 / (1 << 20) as f32;
+const MAX_BLEND: f32 = 1.0 - 1.0 / (1 << 20) as f32;
 
 /// Weight w of the frames before.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -27,16 +27,16 @@ pub enum Blend {
     },
 }
 
-/// What a frame does.
+/// Settings of a frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Settings {
     /// Samples a row, Q.
     pub samples: u32,
     /// Weight of the frames before; of no account with the control variate.
     pub blend: Blend,
-    /// Whether only changes of the light are sampled.
+    /// Samples only the changes of the light.
     pub control_variate: bool,
-    /// Whether samples are points of a shifted lattice; else they are independent.
+    /// Takes samples from a shifted lattice; else they are independent.
     pub rotated: bool,
     /// With the control variate: every row is summed exactly once in so many frames; 0 for never.
     pub refresh: u32,
@@ -52,8 +52,8 @@ impl Default for Settings {
 }
 
 impl Settings {
-    /// 64 samples of the change on a shifted lattice, every row exact once in 16 frames; without the control variate w by
-    /// itself, up to 64 frames.
+    /// 64 samples of the change on a shifted lattice, every row exact once in 16 frames; without the control variate w
+    /// by itself, up to 64 frames.
     pub const DEFAULT: Self = Self {
         samples: 64,
         blend: Blend::Auto { frames: 64.0 },
@@ -68,7 +68,7 @@ impl Settings {
     /// # Errors
     /// [`Error::Setting`] names the first that is wrong.
     pub fn check(&self) -> Result<(), Error> {
-        if !(1..=MOST_SAMPLES).contains(&self.samples) {
+        if !(1..=MAX_SAMPLES).contains(&self.samples) {
             let value = f64::from(self.samples);
             return Err(Error::Setting { name: "samples", value, rule: "from 1 to 65,536" });
         }
@@ -88,7 +88,7 @@ impl Settings {
         let option = |on: bool, bit: u32| if on { bit } else { 0 };
         let (auto, blend) = match self.blend {
             Blend::Fixed(w) => (false, w),
-            Blend::Auto { frames } => (true, (1.0 - 1.0 / (frames + 1.0)).min(MOST_BLEND)),
+            Blend::Auto { frames } => (true, (1.0 - 1.0 / (frames + 1.0)).min(MAX_BLEND)),
         };
         let options = options
             | option(self.rotated, ROTATED)
@@ -111,7 +111,7 @@ impl Settings {
 }
 
 impl SumParams {
-    /// The same for a distribution of so many rows in one block.
+    /// Settings for a distribution of so many rows in one block.
     pub(crate) fn within(&self, rows: usize, options: u32) -> Result<Self, Error> {
         let wrong = |name, value: u32, rule| Err(Error::Setting { name, value: f64::from(value), rule });
         if self.count as usize > rows {
@@ -126,7 +126,7 @@ impl SumParams {
 
 /// Rows that can be sampled. As an operator they are summed exactly, W/m².
 pub trait Distribution: LinearOperator {
-    /// How the entries are stored, as kernels take it.
+    /// Storage of the entries, as kernels take it.
     fn options(&self) -> u32;
 
     /// Takes the irradiance of all rows one frame on: [`crate::kernel::sample::sample_row`]. W/m².
@@ -178,11 +178,11 @@ pub fn change_all(source: &[Vec4], albedo: &[Vec4], irradiance: &[Vec4], exitanc
 pub struct State {
     /// Number of the next frame.
     pub frame: u32,
-    /// What the irradiance comes from, `E + ρ∘H` with the H of the frame before, W/m².
+    /// Exitance that the irradiance comes from, `E + ρ∘H` with the H of the frame before, W/m².
     pub exitance: Vec<Vec4>,
     /// Irradiance H, W/m².
     pub irradiance: Vec<Vec4>,
-    /// What the exitance has changed by, W/m².
+    /// Change of the exitance, W/m².
     pub change: Vec<Vec4>,
 }
 
@@ -193,8 +193,8 @@ impl State {
         Self { frame: 0, exitance: dark.clone(), irradiance: dark.clone(), change: dark }
     }
 
-    /// A frame with the first exitance E: a bounce more of the light, sampled from the rows of F. With an albedo of 0, and rows
-    /// of all bounces T, it is the whole light in one product.
+    /// A frame with the first exitance E: a bounce more of the light, sampled from the rows of F. With an albedo of 0,
+    /// and rows of all bounces T, it is the whole light in one product.
     ///
     /// # Errors
     /// [`Error::Setting`]; [`Error::Length`] unless rows and columns are patches.

@@ -14,8 +14,8 @@ use crate::error::{Error, check_length};
 use crate::kernel::sample::{NARROW, column_at, sample_list, settle, sum_list};
 use crate::types::{SampleParams, SumParams};
 
-/// Rows whose entries are all equally likely: what the rays of each row hit, in ascending order, with repetitions. A uniform
-/// index samples the row. 2 bytes an entry up to 65,536 columns, else 4.
+/// Rows whose entries are all equally likely: what the rays of each row hit, in ascending order, with repetitions. A
+/// uniform index samples the row. 2 bytes an entry up to 65,536 columns, else 4.
 ///
 /// Rays that meet nothing that shines are left out: the row's sum S is the share of the others, and no sample is spent
 /// on them. A sky that shines is a column like any other (usually the last), with `π L` as its exitance.
@@ -28,8 +28,8 @@ pub struct RayLists {
 }
 
 impl RayLists {
-    /// From the rays themselves: row k was hit by `hits[k · rays..(k + 1) · rays]`, in any order. What is no column (the sky,
-    /// hits without owner) is left out, so the row's sum is the share that is one.
+    /// From the rays themselves: row k was hit by `hits[k · rays..(k + 1) · rays]`, in any order. What is no column
+    /// (the sky, hits without owner) is left out, so the row's sum is the share that is one.
     ///
     /// # Errors
     /// [`Error::Setting`] for no rays, [`Error::Length`] for a part of a row, [`Error::TooMany`].
@@ -48,8 +48,8 @@ impl RayLists {
         })
     }
 
-    /// From counts: `row(i)` names the columns that the rays of row i hit and how many hit each; `scales[i]` is the factor of
-    /// one hit.
+    /// From counts: `row(i)` names the columns that the rays of row i hit and how many hit each; `scales[i]` is the
+    /// factor of one hit.
     ///
     /// # Errors
     /// [`Error::Value`] for a column that is not there or a scale that is negative or not finite; [`Error::TooMany`].
@@ -72,11 +72,12 @@ impl RayLists {
         Ok(lists)
     }
 
-    /// From compressed sparse rows, `entries` for each row that is not zero, shared out in proportion to the values: a column has
-    /// a whole number of entries less than one away from its exact share. The row's sum is exact.
+    /// From compressed sparse rows, `entries` for each row that is not zero, shared out in proportion to the values: a
+    /// column has a whole number of entries less than one away from its exact share. The row's sum is exact.
     ///
     /// # Errors
-    /// [`Error::Setting`] for no entries; [`Error::Length`], [`Error::Value`] for rows that are none; [`Error::TooMany`].
+    /// [`Error::Setting`] for no entries; [`Error::Length`], [`Error::Value`] for rows that are none;
+    /// [`Error::TooMany`].
     pub fn from_rows(
         columns: usize,
         row_start: &[u32],

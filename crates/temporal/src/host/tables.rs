@@ -15,13 +15,13 @@ use super::{NARROW_COLUMNS, TASK_ROWS, check_rows, pack_columns, pack_halves, st
 use crate::error::Error;
 use crate::kernel::sample::{COLORED, NARROW, settle};
 use crate::kernel::split::{pack_entry, scan_row, slot};
-use crate::kernel::tables::{MOST_BLUE, MOST_RED, PARTS, decode, sample_table, sum_table};
+use crate::kernel::tables::{MAX_BLUE, MAX_RED, PARTS, decode, sample_table, sum_table};
 use crate::types::{SampleParams, SumParams};
 
 /// Most entries of a row: their numbers have 16 bits, their weights together 32.
-const MOST_ENTRIES: usize = u16::MAX as usize;
+const MAX_ENTRIES: usize = u16::MAX as usize;
 
-/// How slots are found from weights.
+/// Search for slots by weight.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Packing {
     /// One after the other, from stacks of light and heavy entries (Vose 1991).
@@ -31,9 +31,9 @@ pub enum Packing {
     Split,
 }
 
-/// Rows as alias tables over their entries that are not zero: 4 bytes for a slot, 2 for its column (4 beyond 65,536 columns),
-/// and 2 for its colour where there are three channels. Probabilities are multiples of `2⁻¹⁶ / n` for a row of n entries,
-/// and tables have exactly these.
+/// Rows as alias tables over their entries that are not zero: 4 bytes for a slot, 2 for its column (4 beyond 65,536
+/// columns), and 2 for its colour where there are three channels. Probabilities are multiples of `2⁻¹⁶ / n` for a row
+/// of n entries, and tables have exactly these.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct AliasTables {
     columns: usize,
@@ -54,8 +54,8 @@ struct Row {
 }
 
 impl Row {
-    /// Entries of this column and share: whole parts whose sum is [`PARTS`] an entry, each less than one away from its exact
-    /// share. What is left with none is left out.
+    /// Entries of this column and share: whole parts whose sum is [`PARTS`] an entry, each less than one away from its
+    /// exact share. What is left with none is left out.
     fn new(mut entries: Vec<(u32, f64)>) -> Self {
         entries.retain(|entry| entry.1 > 0.0);
         let sum: f64 = entries.iter().map(|entry| entry.1).sum();
@@ -102,9 +102,9 @@ impl Row {
                 owed[k] = ((wanted - decode(code, most)) * weight).clamp(-weight, weight);
                 code
             };
-            let red = code(0, c.x / y, MOST_RED, MOST_RED);
-            let left = 1.0 - decode(red, MOST_RED) / MOST_RED;
-            red | code(1, c.z / y, MOST_BLUE, left * MOST_BLUE) << 8
+            let red = code(0, c.x / y, MAX_RED, MAX_RED);
+            let left = 1.0 - decode(red, MAX_RED) / MAX_RED;
+            red | code(1, c.z / y, MAX_BLUE, left * MAX_BLUE) << 8
         });
         row.colors = codes.collect();
         row
@@ -122,10 +122,11 @@ fn pack_stacks(weights: &[u32]) -> Vec<u32> {
 }
 
 impl AliasTables {
-    /// Of compressed sparse rows, as [`Packing`] says, on all cores.
+    /// Packs compressed sparse rows, as [`Packing`] says, on all cores.
     ///
     /// # Errors
-    /// [`Error::Length`], [`Error::Value`] for rows that are none; [`Error::TooMany`] entries, or more than 65,535 in a row.
+    /// [`Error::Length`], [`Error::Value`] for rows that are none; [`Error::TooMany`] entries, or more than 65,535 in a
+    /// row.
     pub fn from_rows(
         columns: usize,
         row_start: &[u32],
@@ -140,11 +141,12 @@ impl AliasTables {
         })
     }
 
-    /// Of an RGB operator, sampled by luminance: `row(i, colors)` writes row i, one colour a column. The channels of an entry that is sampled
-    /// are its colour over its luminance, red and blue to 8 bits.
+    /// Packs an RGB operator, sampled by luminance: `row(i, colors)` writes row i, one colour a column. The channels of
+    /// an entry that is sampled are its colour over its luminance, red and blue to 8 bits.
     ///
     /// # Errors
-    /// [`Error::Value`] for a colour that is negative or not finite; [`Error::TooMany`] as for [`AliasTables::from_rows`].
+    /// [`Error::Value`] for a colour that is negative or not finite; [`Error::TooMany`] as for
+    /// [`AliasTables::from_rows`].
     pub fn from_rgb(
         columns: usize,
         rows: usize,
@@ -170,8 +172,8 @@ impl AliasTables {
     fn gather(columns: usize, rows: usize, packing: Packing, row: impl Fn(usize) -> Row + Sync) -> Result<Self, Error> {
         let made: Vec<Row> = (0..rows).into_par_iter().map(&row).collect();
         let longest = made.iter().map(|row| row.columns.len()).max().unwrap_or(0);
-        if longest > MOST_ENTRIES {
-            return Err(Error::TooMany { name: "entries of a row", found: longest as u64, limit: MOST_ENTRIES as u64 });
+        if longest > MAX_ENTRIES {
+            return Err(Error::TooMany { name: "entries of a row", found: longest as u64, limit: MAX_ENTRIES as u64 });
         }
         let row_start = starts(made.iter().map(|row| row.columns.len()))?;
         let sums = made.iter().map(|row| row.sum).collect();

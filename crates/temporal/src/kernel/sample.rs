@@ -1,5 +1,5 @@
-//! Samples of a row and what they make of its irradiance; lists of hits. H and B are W/m²; the fourth component of H is the
-//! number of frames that it averages where w is chosen by itself, else it is kept.
+//! Samples of a row and what they make of its irradiance; lists of hits. H and B are W/m²; the fourth component of H is
+//! the number of frames that it averages where w is chosen by itself, else it is kept.
 
 use glam::{Vec3, Vec4};
 use scene::math::{abs, luminance};
@@ -9,9 +9,10 @@ use crate::types::{SampleParams, SumParams};
 
 /// Columns are 16-bit numbers, two a word, the first in the lower half.
 pub const NARROW: u32 = 1;
-/// Samples are the points of a lattice, shifted by one random number a row and by the golden section from frame to frame.
+/// Samples are the points of a lattice, shifted by one random number a row and by the golden section from frame to
+/// frame.
 pub const ROTATED: u32 = 2;
-/// What is sampled is the change of the exitance.
+/// Samples the change of the exitance.
 pub const CONTROL: u32 = 4;
 /// The weight of the frames before follows from variance and change.
 pub const AUTO: u32 = 8;
@@ -20,27 +21,27 @@ pub const COLORED: u32 = 16;
 
 /// 2³² over the golden section: multiples of it spread evenly over the words.
 const GOLDEN: u32 = 0x9e37_79b9;
-/// A row whose exact sum differs by no more than this share keeps its value, so that rounding cannot go round in circles:
-/// each change that is taken brings light closer to its rest by a certain amount.
+/// A row whose exact sum differs by no more than this share keeps its value, so that rounding cannot go round in
+/// circles: each change that is taken brings light closer to its rest by a certain amount.
 pub const STILL: f32 = 1.0 / 131_072.0;
-/// Frames by which an average of no frames grows in a frame, and by how much more for each that it has, up to one: the first
-/// frames after a jump, which lack the later bounces, soon count little.
+/// Frames by which an average of no frames grows in a frame, and by how much more for each that it has, up to one: the
+/// first frames after a jump, which lack the later bounces, soon count little.
 pub const GROWTH: f32 = 0.25;
 /// See [`GROWTH`].
 pub const GROWTH_RISE: f32 = 1.0 / 16.0;
-/// Variances of the change of light that are taken for noise: with one what is left of its square is unbiased, and a change
-/// counts that more than one sample sees.
+/// Variances of the change of light that are taken for noise: with one what is left of its square is unbiased, and a
+/// change counts that more than one sample sees.
 pub const CERTAIN: f32 = 1.0;
 /// Halvings that take 2²⁰ frames below 1.
 const HALVINGS: u32 = 24;
 
-/// Whether an option is set.
+/// Returns true if an option is set.
 #[inline]
 pub fn has(options: u32, option: u32) -> bool {
     options & option != 0
 }
 
-/// What the words of a row's samples start from.
+/// First word of a row's random numbers.
 #[inline]
 pub fn first_word(row: u32, p: &SampleParams) -> u32 {
     if has(p.options, ROTATED) {
@@ -61,7 +62,7 @@ pub fn word(first: u32, k: u32, p: &SampleParams) -> u32 {
     }
 }
 
-/// What a table says of a column; of the last one where there is none.
+/// Value of a column in a table; of the last one where there is none.
 #[inline]
 pub(super) fn at(values: &[Vec4], column: u32) -> Vec3 {
     values[column.min(values.len() as u32 - 1) as usize].truncate()
@@ -78,13 +79,14 @@ pub fn column_at(entry: u32, columns: &[u32], options: u32) -> u32 {
 }
 
 /// New irradiance of a row from Q samples, W/m²: `H + Ĥ` of the change, or `w H + (1 − w) Ĥ`, `Ĥ = S/Q Σ_k c_k B_j(k)`.
-/// `pick` takes a word to a column and its colour c, `row` is its number among all rows, `sum` the row's S. What the change leaves is not below 0.
+/// `pick` takes a word to a column and its colour c, `row` is its number among all rows, `sum` the row's S. What the
+/// change leaves is not below 0.
 ///
-/// With [`AUTO`], a row that averages n frames has the variance `σ²/(2n)` and lags behind by n times the change d of a frame
-/// (both relative): n grows, see [`GROWTH`], while `4 d² n³ ≤ σ²`, where the sum of variance and squared lag is least, up to
-/// `w / (1 − w)` for the greatest w; else it is halved until that holds. Light that jumps has d ≈ 1: it starts again. What noise
-/// may be of the change, [`CERTAIN`] times its variance over the samples, does not count: else light that is fed back would
-/// never come to rest.
+/// With [`AUTO`], a row that averages n frames has the variance `σ²/(2n)` and lags behind by n times the change d of a
+/// frame (both relative): n grows, see [`GROWTH`], while `4 d² n³ ≤ σ²`, where the sum of variance and squared lag is
+/// least, up to `w / (1 − w)` for the greatest w; else it is halved until that holds. Light that jumps has d ≈ 1: it
+/// starts again. What noise may be of the change, [`CERTAIN`] times its variance over the samples, does not count: else
+/// light that is fed back would never come to rest.
 #[inline]
 pub fn sample_row(
     row: u32,
@@ -130,8 +132,8 @@ pub fn sample_row(
     (previous.truncate() * w + light * (scale * (1.0 - w))).extend(age + growth.min(1.0))
 }
 
-/// Frames that go on counting, of those that H averages: see [`sample_row`]. `variance`, `certain` and the squares of `mean` and
-/// `moved` have one unit.
+/// Frames that go on counting, of those that H averages: see [`sample_row`]. `variance`, `certain` and the squares of
+/// `mean` and `moved` have one unit.
 #[inline]
 fn frames(before: f32, variance: f32, mean: f32, moved: f32, certain: f32, most: f32) -> f32 {
     let mut age = if before < most { before } else { most };
@@ -147,7 +149,7 @@ fn frames(before: f32, variance: f32, mean: f32, moved: f32, certain: f32, most:
     age
 }
 
-/// What an exact sum leaves of a row: see [`STILL`].
+/// Irradiance of a row after an exact sum: see [`STILL`].
 #[inline]
 pub fn settle(previous: Vec4, exact: Vec3) -> Vec4 {
     let before = previous.truncate();
@@ -164,8 +166,8 @@ pub fn change(source: Vec4, albedo: Vec4, irradiance: Vec4, exitance: Vec4) -> V
 
 /// [`sample_row`] for row `i` of a block of lists.
 ///
-/// Shapes: `row_start[rows + 1]` counts entries, `columns` from the entry `first_entry` on (a multiple of 2 where narrow),
-/// `sums[rows]`, `exitance` and `change` by column. Needs `i < rows`.
+/// Shapes: `row_start[rows + 1]` counts entries, `columns` from the entry `first_entry` on (a multiple of 2 where
+/// narrow), `sums[rows]`, `exitance` and `change` by column. Needs `i < rows`.
 #[inline]
 #[allow(clippy::too_many_arguments)]
 pub fn sample_list(

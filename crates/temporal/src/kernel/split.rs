@@ -1,16 +1,17 @@
-//! Alias tables in parallel by splitting (Lehmann, Hübschle-Schneider and Sanders 2021, "Weighted random sampling on GPUs").
+//! Alias tables in parallel by splitting (Lehmann, Hübschle-Schneider and Sanders 2021, "Weighted random sampling on
+//! GPUs").
 //!
-//! Weights are whole numbers whose sum is [`PARTS`] times their count. Light entries (below [`PARTS`]) are filled one after
-//! the other by heavy ones, in order; a heavy one that falls below is filled by the next. With prefix sums of what the light ones lack and
-//! the heavy ones have too much, each slot finds its own second entry by bisection: [`scan_row`] makes the sums, row
-//! by row, [`pack_entry`] the slots, all at once.
+//! Weights are whole numbers whose sum is [`PARTS`] times their count. Light entries (below [`PARTS`]) are filled one
+//! after the other by heavy ones, in order; a heavy one that falls below is filled by the next. With prefix sums of
+//! what the light ones lack and the heavy ones have too much, each slot finds its own second entry by bisection:
+//! [`scan_row`] makes the sums, row by row, [`pack_entry`] the slots, all at once.
 
 use glam::UVec2;
 
 use super::tables::PARTS;
 
-/// Partition and prefix sums of a row: its light entries in order, then its heavy ones; x is the number of the entry within
-/// the row, y the sum of what the light ones before it lack, or of what the heavy ones up to it have too much.
+/// Partition and prefix sums of a row: its light entries in order, then its heavy ones; x is the number of the entry
+/// within the row, y the sum of what the light ones before it lack, or of what the heavy ones up to it have too much.
 ///
 /// Shapes: `weights[row_start[rows]]`; the row's part of the sums goes to `scan` from `row_start[row] − base` on.
 #[inline]

@@ -1,8 +1,8 @@
-//! Alias tables: an entry is a slot, drawn uniformly; with the probability `t / 2¹⁶` it gives its own column, else that of
-//! another entry of its row.
+//! Alias tables: an entry is a slot, drawn uniformly; with the probability `t / 2¹⁶` it gives its own column, else that
+//! of another entry of its row.
 //!
-//! Layout: `slots[e] = t << 16 | a`, a the number of the other entry within the row, so a row has at most 65,535 entries;
-//! `columns` as in lists. Colours: 16 bits an entry, two a word, see [`color_at`].
+//! Layout: `slots[e] = t << 16 | a`, a the number of the other entry within the row, so a row has at most 65,535
+//! entries; `columns` as in lists. Colours: 16 bits an entry, two a word, see [`color_at`].
 
 use glam::{Vec3, Vec4};
 use scene::sampling::wide_product;
@@ -13,9 +13,9 @@ use crate::types::{SampleParams, SumParams};
 /// Parts of a slot, whose number t counts.
 pub const PARTS: u32 = 1 << 16;
 /// Greatest red and blue of a colour whose luminance is 1.
-pub const MOST_RED: f32 = 1.0 / 0.2126;
-/// See [`MOST_RED`].
-pub const MOST_BLUE: f32 = 1.0 / 0.0722;
+pub const MAX_RED: f32 = 1.0 / 0.2126;
+/// See [`MAX_RED`].
+pub const MAX_BLUE: f32 = 1.0 / 0.0722;
 
 /// The value of a code of 8 bits: squares are closer together where values are small.
 #[inline]
@@ -28,7 +28,7 @@ pub fn decode(code: u32, most: f32) -> f32 {
 #[inline]
 pub fn color_at(entry: u32, colors: &[u32]) -> Vec3 {
     let codes = colors[(entry / 2) as usize] >> (16 * (entry % 2));
-    let (red, blue) = (decode(codes & 0xff, MOST_RED), decode(codes >> 8 & 0xff, MOST_BLUE));
+    let (red, blue) = (decode(codes & 0xff, MAX_RED), decode(codes >> 8 & 0xff, MAX_BLUE));
     let green = (1.0 - 0.2126 * red - 0.0722 * blue) * (1.0 / 0.7152);
     Vec3::new(red, if green > 0.0 { green } else { 0.0 }, blue)
 }
@@ -73,8 +73,8 @@ pub fn sample_table(
     sample_row(p.first_row + i, p, sums[i as usize], pick, exitance, change, previous)
 }
 
-/// Exact irradiance of row `i` of a block of tables, W/m²: each slot gives t parts to its own column and the rest to the
-/// other. Shapes as for [`sample_table`].
+/// Exact irradiance of row `i` of a block of tables, W/m²: each slot gives t parts to its own column and the rest to
+/// the other. Shapes as for [`sample_table`].
 #[inline]
 #[allow(clippy::too_many_arguments)]
 pub fn sum_table(

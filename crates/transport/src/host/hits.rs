@@ -7,23 +7,23 @@ use scene::parallel::*;
 
 use super::storage::Csr;
 use crate::error::{Error, check_length, check_offsets};
-use crate::kernel::hits::{COUNT_STEP, MOST_HIT_COLUMNS, QUAD_COLUMNS, WORD_COUNTS};
+use crate::kernel::hits::{COUNT_STEP, MAX_HIT_COLUMNS, QUAD_COLUMNS, WORD_COUNTS};
 use crate::operator::LinearOperator;
 
 /// As a size of arrays.
-const MOST_COLUMNS: usize = MOST_HIT_COLUMNS as usize;
+const MAX_COLUMNS: usize = MAX_HIT_COLUMNS as usize;
 /// Columns of a quad.
 const FOUR: usize = QUAD_COLUMNS as usize;
 /// Steps of a hit: [`COUNT_STEP`] is one over it.
 const STEPS: usize = FOUR;
 /// Greatest count of four columns that differ: four times this fits a byte.
-const MOST_COUNT: usize = u8::MAX as usize / STEPS;
+const MAX_COUNT: usize = u8::MAX as usize / STEPS;
 /// Rows one task works through.
 const TASK_ROWS: usize = 128;
 
-/// A rectangular operator whose rows come from rays: `F_ij = s_i c_ij`, c the number of row i's rays that hit column j, s a
-/// scale of the row. About 2.4 bytes an entry that is not zero: columns are 16-bit numbers (so at most 65,536), in quads of
-/// four with like counts, and a quad has one byte. The product adds up exitance and multiplies once a quad.
+/// A rectangular operator whose rows come from rays: `F_ij = s_i c_ij`, c the number of row i's rays that hit column j,
+/// s a scale of the row. About 2.4 bytes an entry that is not zero: columns are 16-bit numbers (so at most 65,536), in
+/// quads of four with like counts, and a quad has one byte. The product adds up exitance and multiplies once a quad.
 #[derive(Clone, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct HitCounts {
@@ -44,19 +44,19 @@ impl HitCounts {
     /// # Errors
     /// [`Error::TooMany`] above 65,536 columns.
     pub fn new(columns: usize) -> Result<Self, Error> {
-        if columns > MOST_COLUMNS {
-            return Err(Error::TooMany { name: "columns", found: columns as u64, limit: MOST_COLUMNS as u64 });
+        if columns > MAX_COLUMNS {
+            return Err(Error::TooMany { name: "columns", found: columns as u64, limit: MAX_COLUMNS as u64 });
         }
         Ok(Self { columns, row_start: vec![0], ..Self::default() })
     }
 
-    /// Adds rows, coded on all cores: row k of the block was hit by `hits[k · rays..(k + 1) · rays]`, in any order; what is
-    /// no column (the sky, hits without owner) is left out. `scales[k]` is the factor of one of its hits, usually one over
-    /// the number of its rays. Rows may come in blocks, so that all hits are never together in memory.
+    /// Adds rows, coded on all cores: row k of the block was hit by `hits[k · rays..(k + 1) · rays]`, in any order;
+    /// what is no column (the sky, hits without owner) is left out. `scales[k]` is the factor of one of its hits,
+    /// usually one over the number of its rays. Rows may come in blocks, so that all hits are never together in memory.
     ///
     /// # Errors
-    /// [`Error::Length`] unless `hits` holds the same number of rays for every row; [`Error::Value`] for a scale that is not
-    /// finite; [`Error::TooMany`] beyond 2³² − 1 quads. Nothing is added then.
+    /// [`Error::Length`] unless `hits` holds the same number of rays for every row; [`Error::Value`] for a scale that
+    /// is not finite; [`Error::TooMany`] beyond 2³² − 1 quads. Nothing is added then.
     pub fn push(&mut self, hits: &[u32], scales: &[f32]) -> Result<(), Error> {
         let rows = scales.len();
         let rays = hits.len().checked_div(rows).unwrap_or(0);
@@ -106,7 +106,7 @@ impl HitCounts {
         &self.quads
     }
 
-    /// How often a quad's columns were hit, in steps of [`COUNT_STEP`], one byte a quad.
+    /// Hits of each quad's columns, in steps of [`COUNT_STEP`], one byte a quad.
     pub fn counts(&self) -> &[u8] {
         &self.counts
     }
@@ -122,7 +122,8 @@ impl HitCounts {
         &self.scales
     }
 
-    /// The columns that row `i` hits, ascending, and how many of its rays hit each; nothing for a row that is not there.
+    /// The columns that row `i` hits, ascending, and how many of its rays hit each; nothing for a row that is not
+    /// there.
     pub fn row(&self, i: usize) -> Vec<(u32, u32)> {
         let (Some(&first), Some(&end)) = (self.row_start.get(i), self.row_start.get(i + 1)) else { return Vec::new() };
         let mut steps: Vec<(u32, u32)> = Vec::new();
@@ -173,7 +174,7 @@ impl HitCounts {
         Csr::from_rows(columns, &rows)
     }
 
-    /// The same operator as compressed sparse rows.
+    /// The operator as compressed sparse rows.
     ///
     /// # Errors
     /// [`Error::TooMany`] when there are more than 2³² − 1 entries.
@@ -207,22 +208,22 @@ impl Row {
         let mut known: Vec<u32> = hits.iter().copied().filter(|&column| (column as usize) < columns).collect();
         known.sort_unstable();
         // Columns by what is left of their counts.
-        let mut left: [Vec<u32>; MOST_COUNT + 1] = [const { Vec::new() }; MOST_COUNT + 1];
+        let mut left: [Vec<u32>; MAX_COUNT + 1] = [const { Vec::new() }; MAX_COUNT + 1];
         for same in known.chunk_by(|a, b| a == b) {
-            for part in same.chunks(MOST_COUNT) {
+            for part in same.chunks(MAX_COUNT) {
                 left[part.len()].push(part[0]);
             }
         }
         let mut row = Self::default();
-        for count in (1..=MOST_COUNT).rev() {
+        for count in (1..=MAX_COUNT).rev() {
             let class = core::mem::take(&mut left[count]);
             let groups = class.chunks_exact(FOUR);
             let rest = groups.remainder();
             for group in groups {
                 row.add([group[0], group[1], group[2], group[3]], count * STEPS);
             }
-            // Up to three columns without company join those of the next lower count, and come again with the difference;
-            // where none is near, they fill quads by standing in them repeatedly.
+            // Up to three columns without company join those of the next lower count, and come again with the
+            // difference; where none is near, they fill quads by standing in them repeatedly.
             let lower = (count.div_ceil(2)..count).rev().find(|&lower| !left[lower].is_empty());
             match (lower, rest) {
                 (Some(lower), _) => {
@@ -263,11 +264,11 @@ impl LinearOperator for HitCounts {
     fn apply(&self, exitance: &[Vec4], irradiance: &mut [Vec4]) -> Result<(), Error> {
         self.check_vectors(exitance, irradiance)?;
         // An entry for every number of 16 bits: nothing is left to check in the inner loop.
-        let mut table = vec![Vec4::ZERO; MOST_COLUMNS];
+        let mut table = vec![Vec4::ZERO; MAX_COLUMNS];
         table[..exitance.len()].copy_from_slice(exitance);
         let table: &Table = table.first_chunk().ok_or(Error::Length {
             name: "exitance",
-            expected: MOST_COLUMNS,
+            expected: MAX_COLUMNS,
             found: exitance.len(),
         })?;
         irradiance.par_chunks_mut(TASK_ROWS).enumerate().for_each(|(task, out)| {
@@ -283,7 +284,7 @@ impl LinearOperator for HitCounts {
 }
 
 /// Exitance by column.
-type Table = [Vec4; MOST_COLUMNS];
+type Table = [Vec4; MAX_COLUMNS];
 
 /// `Σ_q c_q (B_q0 + B_q1 + B_q2 + B_q3)`. Two sums: an addition to one takes as long as a quad.
 #[inline]

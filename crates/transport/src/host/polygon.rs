@@ -7,8 +7,8 @@ use num_traits::Float as _;
 use crate::error::Error;
 
 /// Most corners of a polygon that is given; cutting it by two planes adds at most two.
-const MOST_CORNERS: usize = 8;
-const CAPACITY: usize = MOST_CORNERS + 2;
+const MAX_CORNERS: usize = 8;
+const CAPACITY: usize = MAX_CORNERS + 2;
 
 /// A flat convex polygon. The corners run counter-clockwise as seen from the front, the side that sends and receives.
 #[derive(Clone, Copy, Debug)]
@@ -63,11 +63,11 @@ impl Polygon {
     /// Checks the corners and measures the polygon.
     ///
     /// # Errors
-    /// [`Error::PolygonCorners`] unless there are 3 to 8; [`Error::PolygonShape`] when a corner is not finite, lies more than
-    /// 10⁻⁴ of the size off the plane, makes the outline concave, or the area is zero.
+    /// [`Error::PolygonCorners`] unless there are 3 to 8; [`Error::PolygonShape`] when a corner is not finite, lies
+    /// more than 10⁻⁴ of the size off the plane, makes the outline concave, or the area is zero.
     pub fn new(corners: &[Vec3]) -> Result<Self, Error> {
-        if corners.len() < 3 || corners.len() > MOST_CORNERS {
-            return Err(Error::PolygonCorners { found: corners.len(), most: MOST_CORNERS });
+        if corners.len() < 3 || corners.len() > MAX_CORNERS {
+            return Err(Error::PolygonCorners { found: corners.len(), most: MAX_CORNERS });
         }
         let mut table = [DVec3::ZERO; CAPACITY];
         for (corner, p) in corners.iter().enumerate() {

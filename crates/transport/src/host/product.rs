@@ -55,7 +55,8 @@ fn widen_simd<S: Simd, const HIGH: bool>(simd: S, words: S::u32s) -> S::f32s {
     simd.transmute_f32s_u32s(simd.or_u32s(value, sign))
 }
 
-/// Sums of `ROWS` rows of half-precision words; `even` and `odd` hold the exitance of the lower and upper halves' columns.
+/// Sums of `ROWS` rows of half-precision words; `even` and `odd` hold the exitance of the lower and upper halves'
+/// columns.
 struct GatherHalf<'a> {
     rows: [&'a [u32]; ROWS],
     even: &'a Planes,

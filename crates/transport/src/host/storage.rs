@@ -21,8 +21,8 @@ pub struct Dense {
     pub values: Vec<f32>,
 }
 
-/// A dense matrix of half-precision numbers, two a word as the GPU takes them: the lower half is the even column; rows of
-/// odd length end with an unused upper half of 0.
+/// A dense matrix of half-precision numbers, two a word as the GPU takes them: the lower half is the even column; rows
+/// of odd length end with an unused upper half of 0.
 #[derive(Clone, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Half {
@@ -169,8 +169,8 @@ impl Csr {
     /// Adds rows of columns and values: those of a large operator may come in blocks.
     ///
     /// # Errors
-    /// [`Error::TooMany`] when there are more than 2³² − 1 entries, [`Error::Value`] for a column that is not there. Nothing is
-    /// added then.
+    /// [`Error::TooMany`] when there are more than 2³² − 1 entries, [`Error::Value`] for a column that is not there.
+    /// Nothing is added then.
     pub fn push_rows(&mut self, rows: &[Vec<(u32, f32)>]) -> Result<(), Error> {
         let found: u64 = self.values.len() as u64 + rows.iter().map(|row| row.len() as u64).sum::<u64>();
         if found > u64::from(u32::MAX) {

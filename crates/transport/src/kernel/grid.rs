@@ -145,9 +145,9 @@ pub fn interpolate_pixel(
     weighted(values, pixel_vertices(grids, cells, vertices, triangles, hit, point))
 }
 
-/// Irradiance at a hit, W/m²: linear between the three vertices round it in its cell and not negative, and 1 as the fourth
-/// component; zero where there are no receivers. `grids[triangle]` numbers the cells, `cells` their vertices, `vertices` names the receiver of each, `values`
-/// holds their irradiance.
+/// Irradiance at a hit, W/m²: linear between the three vertices round it in its cell and not negative, and 1 as the
+/// fourth component; zero where there are no receivers. `grids[triangle]` numbers the cells, `cells` their vertices,
+/// `vertices` names the receiver of each, `values` holds their irradiance.
 #[inline]
 pub fn interpolate_receivers(
     grids: &[TriangleGrid],

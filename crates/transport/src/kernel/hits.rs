@@ -1,6 +1,6 @@
-//! The product H = F B with rows that are counts of hits, one row an invocation. Rows come from rays, so their factors are
-//! small integers times one scale a row: columns that were hit equally often stand in groups of four, with one count
-//! each.
+//! The product H = F B with rows that are counts of hits, one row an invocation. Rows come from rays, so their factors
+//! are small integers times one scale a row: columns that were hit equally often stand in groups of four, with one
+//! count each.
 
 use glam::{UVec2, Vec4};
 
@@ -8,20 +8,20 @@ use glam::{UVec2, Vec4};
 pub const QUAD_COLUMNS: u32 = 4;
 
 /// Most columns: 16 bits name one.
-pub const MOST_HIT_COLUMNS: u32 = 1 << 16;
+pub const MAX_HIT_COLUMNS: u32 = 1 << 16;
 
 /// Counts of quads in a word.
 pub const WORD_COUNTS: u32 = 4;
 
-/// What one step of a quad's count means, hits of each of its four columns: a column that fills a quad alone has four
-/// times its count.
+/// One step of a quad's count, hits of each of its four columns: a column that fills a quad alone has four times its
+/// count.
 pub const COUNT_STEP: f32 = 0.25;
 
 /// Irradiance of row `i` from counts of hits, `H_i = s_i Σ_q c_q (B_q0 + B_q1 + B_q2 + B_q3)`, W/m².
 ///
-/// Shapes: row i owns the quads `row_start[i]..row_start[i + 1]`, counted from `first_quad` on; `columns[quads]`, four numbers
-/// of 16 bits each, the first in the lowest bits; `counts[quads / 4]`, four bytes a word, in steps of [`COUNT_STEP`];
-/// `scales[rows]`. Needs `i < rows`.
+/// Shapes: row i owns the quads `row_start[i]..row_start[i + 1]`, counted from `first_quad` on; `columns[quads]`, four
+/// numbers of 16 bits each, the first in the lowest bits; `counts[quads / 4]`, four bytes a word, in steps of
+/// [`COUNT_STEP`]; `scales[rows]`. Needs `i < rows`.
 #[inline]
 pub fn gather_row_hits(
     i: u32,

@@ -59,11 +59,11 @@ pub fn clamp_row(i: u32, rows: u32) -> u32 {
 pub struct RowSums {
     /// Irradiance of the first row so far, W/m².
     pub a: Vec3,
-    /// Of the second.
+    /// Value of the second row.
     pub b: Vec3,
-    /// Of the third.
+    /// Value of the third row.
     pub c: Vec3,
-    /// Of the fourth.
+    /// Value of the fourth row.
     pub d: Vec3,
 }
 
@@ -88,9 +88,8 @@ pub fn combine(sum: Vec4, other: Vec4) -> Vec4 {
     sum + other
 }
 
-/// What one of [`LANES`] lanes adds up for four rows from packed-vector storage: the vectors `lane, lane + 64, …` of each
-/// row (a vector is four columns). `factors(row, vector)` and `exitance(column)` load; `rows` are clamped row
-/// numbers.
+/// Sum of one of [`LANES`] lanes for four rows in packed-vector storage: the vectors `lane, lane + 64, …` of each row
+/// (a vector is four columns). `factors(row, vector)` and `exitance(column)` load; `rows` are clamped row numbers.
 #[inline]
 pub fn gather_lane(
     first_row: u32,

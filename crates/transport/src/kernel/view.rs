@@ -1,8 +1,9 @@
-//! Rows of a product that a view needs. What a view shows marks the interpolation points that it takes light from, these mark
-//! what they are computed from, and so on; then each marked row is computed once for each light.
+//! Rows of a product that a view needs. What a view shows marks the interpolation points that it takes light from,
+//! these mark what they are computed from, and so on; then each marked row is computed once for each light.
 //!
-//! Views and lights are numbered from 1. The mark of a row is twice the number of the last view that needs it, and one more
-//! when its own columns are marked: another look of the same view, from other places in its pixels, only adds rows.
+//! Views and lights are numbered from 1. The mark of a row is twice the number of the last view that needs it, and one
+//! more when its own columns are marked: another look of the same view, from other places in its pixels, only adds
+//! rows.
 
 use glam::{UVec3, Vec3};
 use scene::{Hit, NONE, SurfacePoint, Triangle};
@@ -16,7 +17,7 @@ pub fn needed(view: u32) -> u32 {
     2 * view
 }
 
-/// Whether a view needs the row with this mark.
+/// Returns true if a view needs the row with this mark.
 #[inline]
 pub fn is_needed(mark: u32, view: u32) -> bool {
     mark / 2 == view
@@ -30,8 +31,8 @@ pub fn mark(marks: &mut [u32], k: u32, view: u32) {
     }
 }
 
-/// Vertices of the interpolation mesh round a hit and their weights, which sum to 1; the first is [`NONE`] where there are no
-/// receivers. `grids[triangle]` numbers the cells, `cells` their vertices, `vertices` names the value of each.
+/// Vertices of the interpolation mesh round a hit and their weights, which sum to 1; the first is [`NONE`] where there
+/// are no receivers. `grids[triangle]` numbers the cells, `cells` their vertices, `vertices` names the value of each.
 #[inline]
 pub fn vertices_at(
     grids: &[TriangleGrid],
@@ -61,7 +62,7 @@ pub fn vertices_at(
     (UVec3::new(a, b, c), weights)
 }
 
-/// The same of a pixel: at its hit, on the side on which its point's normal stands.
+/// Vertices of a pixel's receivers: at its hit, on the side on which its point's normal stands.
 #[inline]
 pub fn pixel_vertices(
     grids: &[TriangleGrid],

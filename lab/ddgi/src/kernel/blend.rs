@@ -1,4 +1,4 @@
-//! How the rays of a frame enter the texels of probes (Majercik et al. 2019, section 4.3; 2021, section 4).
+//! Blending of a frame's rays into the texels of probes (Majercik et al. 2019, section 4.3; 2021, section 4).
 
 use core::f32::consts::PI;
 
@@ -14,16 +14,17 @@ use crate::{
 };
 
 /// Rays of less weight in a texel are left out: together they weigh less than rounding of 16 bits.
-const LEAST_WEIGHT: f32 = 1e-6;
+const MIN_WEIGHT: f32 = 1e-6;
 /// Changes of a texel over its value, encoded, that make it forget faster, or all.
 const CHANGE: f32 = 0.25;
 const NEW_LIGHT: f32 = 0.8;
-/// How much of the hysteresis the first takes.
+/// Share of the hysteresis in the first frame.
 const FORGET: f32 = 0.15;
 /// Texels of irradiance without border, before those of visibility among weights.
 const IRRADIANCE_INNER: u32 = IRRADIANCE_EDGE * IRRADIANCE_EDGE;
 
-/// Weight of a ray in a texel without border: the cosine for irradiance, its power for visibility; 0 where it does not count.
+/// Weight of a ray in a texel without border: the cosine for irradiance, its power for visibility; 0 where it does not
+/// count.
 #[inline]
 pub fn weight(p: &WeightParams, texel: u32, direction: Vec3) -> f32 {
     let is_light = texel < IRRADIANCE_INNER;
@@ -34,11 +35,11 @@ pub fn weight(p: &WeightParams, texel: u32, direction: Vec3) -> f32 {
         return 0.0;
     }
     let weight = if is_light { cosine } else { power(cosine, p.exponent) };
-    if weight > LEAST_WEIGHT { weight } else { 0.0 }
+    if weight > MIN_WEIGHT { weight } else { 0.0 }
 }
 
-/// Irradiance of stored texel `k` of all probes after a frame, as its root. Shapes: `weights[rays · RAY_WEIGHTS]`, those of a ray one
-/// after the other; `rays[probes · rays]`. Probes that are off stay as they are.
+/// Irradiance of stored texel `k` of all probes after a frame, as its root. Shapes: `weights[rays · RAY_WEIGHTS]`,
+/// those of a ray one after the other; `rays[probes · rays]`. Probes that are off stay as they are.
 #[inline]
 pub fn blend_irradiance(
     k: u32,
@@ -70,7 +71,8 @@ pub fn blend_irradiance(
     mixed_irradiance(old.truncate(), sum, total, p.hysteresis, p.encoding).extend(0.0)
 }
 
-/// What is stored after rays with a sum of weights and of weighted radiance, W/m²/sr: π times their mean as its root, and the old.
+/// Stored irradiance after rays with a sum of weights and of weighted radiance, W/m²/sr: π times their mean as its
+/// root, and the old.
 #[inline]
 pub fn mixed_irradiance(old: Vec3, sum: Vec3, total: f32, hysteresis: f32, encoding: u32) -> Vec3 {
     if total <= 0.0 {
@@ -118,7 +120,7 @@ pub fn moments(distance: f32, most: f32) -> Vec2 {
     Vec2::new(distance, distance * distance)
 }
 
-/// What is stored after rays with a sum of weights and of weighted moments.
+/// Stored visibility after rays with a sum of weights and of weighted moments.
 #[inline]
 pub fn mixed_visibility(old: Vec2, sum: Vec2, total: f32, hysteresis: f32) -> Vec2 {
     if total > 0.0 { old + (sum / total - old) * (1.0 - hysteresis) } else { old }

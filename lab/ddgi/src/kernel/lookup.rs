@@ -12,9 +12,9 @@ use crate::{IRRADIANCE_EDGE, IRRADIANCE_TEXELS, LookupParams, LookupPoint, Probe
 const BIAS_NORMAL: f32 = 0.2;
 const BIAS_VIEW: f32 = 0.8;
 /// Least weight of a probe along each axis, of one that is not seen, and of one behind the surface.
-const LEAST_SHARE: f32 = 1e-3;
-const LEAST_VISIBILITY: f32 = 0.05;
-const LEAST_FACING: f32 = 0.2;
+const MIN_SHARE: f32 = 1e-3;
+const MIN_VISIBILITY: f32 = 0.05;
+const MIN_FACING: f32 = 0.2;
 /// Weights below this are crushed.
 const CRUSH: f32 = 0.2;
 
@@ -46,10 +46,10 @@ pub fn irradiance_at(
         }
         let trilinear = axis(step.x, share.x) * axis(step.y, share.y) * axis(step.z, share.z);
         let facing = (cosine(probe.position - position, normal) + 1.0) * 0.5;
-        let mut weight = facing * facing + LEAST_FACING;
+        let mut weight = facing * facing + MIN_FACING;
         if p.visibility != 0 {
             let seen = chance(number, biased - probe.position, visibility);
-            weight *= if seen > LEAST_VISIBILITY { seen } else { LEAST_VISIBILITY };
+            weight *= if seen > MIN_VISIBILITY { seen } else { MIN_VISIBILITY };
         }
         if weight < CRUSH {
             weight *= weight * weight / (CRUSH * CRUSH);
@@ -69,7 +69,7 @@ pub fn irradiance_at(
 #[inline]
 fn axis(step: u32, share: f32) -> f32 {
     let weight = if step == 1 { share } else { 1.0 - share };
-    if weight > LEAST_SHARE { weight } else { LEAST_SHARE }
+    if weight > MIN_SHARE { weight } else { MIN_SHARE }
 }
 
 /// Cosine between a vector and a unit vector; 0 for none.

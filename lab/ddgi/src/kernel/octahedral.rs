@@ -1,4 +1,5 @@
-//! Unit directions as places of a square (Praun and Hoppe 2003, "Spherical Parametrization and Remeshing"; Cigolle et al. 2014).
+//! Unit directions as places of a square (Praun and Hoppe 2003, "Spherical Parametrization and Remeshing"; Cigolle et
+//! al. 2014).
 
 use core::ops::{Add, Mul};
 
@@ -39,8 +40,8 @@ pub fn texel_direction(x: u32, y: u32, edge: u32) -> Vec3 {
     decode(vec2(place(x), place(y)))
 }
 
-/// The texel without border, (x, y) of `edge`², whose value stored texel `k` of `(edge + 2)²` has: beyond an edge the square goes on
-/// with the mirrored edge.
+/// The texel without border, (x, y) of `edge`², whose value stored texel `k` of `(edge + 2)²` has: beyond an edge the
+/// square goes on with the mirrored edge.
 #[inline]
 pub fn inner_texel(k: u32, edge: u32) -> (u32, u32) {
     let x = k % (edge + 2);
@@ -107,7 +108,8 @@ mod tests {
         }
     }
 
-    /// Greatest error of the x of a direction, read from a square of directions; `texel` gives the texel that a stored one has.
+    /// Greatest error of the x of a direction, read from a square of directions; `texel` gives the texel that a stored
+    /// one has.
     fn error(texel: impl Fn(u32) -> (u32, u32)) -> f32 {
         let texels: Vec<f32> = (0..18 * 18).map(texel).map(|(x, y)| texel_direction(x, y, 16).x).collect();
         directions().map(|d| (sample(16, d, |k| texels[k]) - d.x).abs()).fold(0.0, f32::max)

@@ -15,7 +15,7 @@ use crate::{LookupPoint, Probe, ProbeRay, TraceParams};
 /// Share of its distance at which the back of a surface counts for visibility: probes in things are seen from nowhere.
 const BACK_DISTANCE: f32 = 0.2;
 /// Reflectance for which light of the frame before counts at most, so that it dies out.
-const MOST_ALBEDO: f32 = 0.9;
+const MAX_ALBEDO: f32 = 0.9;
 
 /// Probes as the frame before left them.
 #[derive(Clone, Copy)]
@@ -35,12 +35,12 @@ pub struct Met {
     pub index: u32,
     /// Unit direction.
     pub direction: Vec3,
-    /// What it met.
+    /// Its hit.
     pub hit: Hit,
 }
 
-/// What a ray brings, W/m²/sr: ρ/π (H_d + H) of the front of what it met. `occluded(origin, direction, t_max)` tells whether a shadow ray is
-/// stopped.
+/// Radiance along a ray, W/m²/sr: ρ/π (H_d + H) of the front of what it met. `occluded(origin, direction, t_max)` tells
+/// whether a shadow ray is stopped.
 #[inline]
 pub fn probe_ray(
     g: &GeometryTables,
@@ -66,6 +66,6 @@ pub fn probe_ray(
     };
     let albedo = g.albedo(hit.triangle, hit.u, hit.v);
     let found = irradiance_at(&p.lookup, &before, tables.probes, tables.irradiance, tables.visibility);
-    let indirect = albedo.min(Vec3::splat(MOST_ALBEDO)) * found;
+    let indirect = albedo.min(Vec3::splat(MAX_ALBEDO)) * found;
     ProbeRay { radiance: (albedo * direct + indirect) * FRAC_1_PI, distance: hit.t }
 }

@@ -1,8 +1,9 @@
-//! What is claimed, by whom, and what is found: claims of docs/data/claims.json, with the numbers of docs/data put in.
+//! Claims, by whom they are made, and what is found: docs/data/claims.json, with the numbers of docs/data put in.
 //!
-//! A number is named by `{EXPERIMENT|SCENE|WHO|FIELD|FORMAT}`. `WHO` is a method or a kind of them, of which the first counts, or
-//! `KIND least FIELD`, `KIND greatest FIELD`. `FORMAT` is a number of digits after the point, with `%` for a hundred times as
-//! much, `s` for three significant digits, `t` for a text. Arithmetic is division: `{A|… / B|…|FORMAT}`.
+//! A number is named by `{EXPERIMENT|SCENE|WHO|FIELD|FORMAT}`. `WHO` is a method or a kind of them, of which the first
+//! counts, or `KIND least FIELD`, `KIND greatest FIELD`. `FORMAT` is a number of digits after the point, with `%` for a
+//! hundred times as much, `s` for three significant digits, `t` for a text. Arithmetic is division: `{A|… /
+//! B|…|FORMAT}`.
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
@@ -15,7 +16,7 @@ use super::study::read;
 use crate::error::Error;
 use crate::report::significant;
 
-/// What makes the file of claims.
+/// Command that makes the file of claims.
 const WRITTEN: &str = "report";
 
 /// A claim as it is written.
@@ -26,21 +27,21 @@ pub struct Claim {
     pub claim: String,
     theirs: String,
     ours: String,
-    /// What measures ours.
+    /// Command that measures ours.
     command: String,
-    /// What it is worth, where no data decide it.
+    /// Verdict, where no data decide it.
     #[serde(default)]
     verdict: Option<Verdict>,
     /// It holds if all of these do: `NUMBER < NUMBER` or `NUMBER > NUMBER`.
     #[serde(default)]
     holds_if: Vec<String>,
     pub reason: String,
-    /// Whether it is made for an opponent, by its authors.
+    /// True if it is made for an opponent, by its authors.
     #[serde(default)]
     pub of_opponent: bool,
 }
 
-/// What a claim is worth here.
+/// Verdict on a claim.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
 pub enum Verdict {
     #[serde(rename = "holds")]
@@ -68,7 +69,7 @@ impl Verdict {
 pub struct Claims(Vec<(Claim, Verdict)>);
 
 impl Claims {
-    /// Of a file, with numbers of the experiments' data; they are read from the folder of the file.
+    /// Reads a file, with numbers of the experiments' data, from the folder of the file.
     ///
     /// # Errors
     /// [`Error::Data`] for an empty cell, a number that is not there, or a claim without a verdict.

@@ -1,5 +1,5 @@
-//! `bench clean`: what a person sees wrong in pictures, counted in pixels against a converged reference: noise, leaks, stains
-//! and blotches.
+//! `bench clean`: what a person sees wrong in pictures, counted in pixels against a converged reference: noise, leaks,
+//! stains and blotches.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -23,7 +23,7 @@ use patchlight::{Bake, EnergyCheck, MeanRatio, MethodSettings, Pictures, RenderS
 
 /// Patches of a scene, unless it is said: as many as a picture of it has by default.
 const COUNT: u32 = 4000;
-/// The same of curves.
+/// Patch counts of curves.
 const CURVE: [u32; 5] = [1000, 2000, 4000, 10_000, 20_000];
 /// Errors over patches rise where one exceeds that of fewer patches by more than this share.
 const RISE: f64 = 0.05;
@@ -36,15 +36,16 @@ const BLOTCH_RANGE: f32 = 0.2;
 /// Errors of a picture.
 #[derive(Clone, Serialize)]
 struct Part {
-    /// Of one picture, as it is by default.
+    /// Errors of one picture, as it is by default.
     #[serde(flatten)]
     errors: PictureErrors,
-    /// Of the mean of many pictures.
+    /// Faults of the mean of many pictures.
     #[serde(flatten)]
     faults: Faults,
 }
 
-/// What was found out about a scene. Leaks, stains and blotches are those of indirect light.
+/// Results of a scene. Leaks, stains and blotches are those of indirect light. Leaks, stains and blotches are those of
+/// indirect light.
 #[derive(Clone, Serialize)]
 struct Row {
     scene: String,
@@ -85,7 +86,7 @@ struct Subject {
     truth: KeptReference,
 }
 
-/// What a scene gave, for the report.
+/// Results of a scene, for the report.
 struct Outcome {
     row: Row,
     section: Section,
@@ -119,7 +120,7 @@ pub fn run(common: &Common, args: &Bench) -> Result<(), Error> {
     Ok(())
 }
 
-/// Where references come from.
+/// Source of references.
 struct References {
     /// They are made, and nothing is measured.
     only_made: bool,
@@ -268,7 +269,7 @@ impl Measuring<'_> {
 
 /// Pictures of a bake.
 struct Shown {
-    /// Of two frames.
+    /// Pictures of two frames.
     first: Pictures,
     second: Pictures,
     /// Mean of many frames: without the noise of single ones.

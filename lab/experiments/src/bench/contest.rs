@@ -1,4 +1,5 @@
-//! What experiments with contenders share: a view of a scene, light updates in which contenders take turns, light at rest.
+//! Common parts of experiments with contenders: a view of a scene, light updates in which contenders take turns, light
+//! at rest.
 
 pub mod contender;
 pub mod field;
@@ -36,20 +37,20 @@ const SLOW_TURNS: usize = 3;
 /// Irradiance at what pixels see, W/m².
 type Gather<'a> = dyn Fn(&[SurfacePoint], u32) -> Result<Vec<Vec4>, patchlight::Error> + Sync + 'a;
 
-/// What is seen of a scene.
+/// View of a scene.
 pub struct View<'a> {
     pub common: &'a Common,
     pub args: &'a Bench,
     pub loaded: &'a LoadedScene,
     pub camera: Camera,
-    /// What the pixels see.
+    /// Points seen by the pixels.
     pub points: Vec<ViewedPoint>,
-    /// Whether they see many backs of surfaces.
+    /// True if they see many backs of surfaces.
     pub two_sided: bool,
 }
 
 impl<'a> View<'a> {
-    /// Of the scene's own camera, in the picture size of the options.
+    /// View of the scene's own camera, in the picture size of the options.
     pub fn new(common: &'a Common, args: &'a Bench, loaded: &'a LoadedScene) -> Self {
         let camera = loaded.view.camera(args.size().0, args.size().1);
         let tables = loaded.scene.tables();
@@ -130,7 +131,7 @@ pub struct Who {
     pub build_s: f64,
     /// That light needs from frame to frame.
     pub bytes: u64,
-    /// Of these, an operator that each light update reads once.
+    /// Bytes of an operator that each light update reads once, of these.
     #[serde(skip_serializing_if = "Option::is_none", default)]
     pub operator_bytes: Option<u64>,
 }
@@ -147,7 +148,7 @@ impl Who {
         }
     }
 
-    /// Whether the method is the project's own, and no baseline.
+    /// Returns true if the method is the project's own, and no baseline.
     pub fn is_own(&self) -> bool {
         field::OWN.contains(&self.family.as_str())
     }
@@ -158,7 +159,7 @@ impl Who {
     }
 }
 
-/// What light updates took.
+/// Times of light updates.
 #[derive(Clone, Copy, Debug, Serialize, Deserialize)]
 pub struct UpdateTimes {
     /// Median and longest light update, and the median of the lookup of all pixels where that can be told apart, ms.
@@ -193,10 +194,10 @@ impl UpdateTimes {
     }
 }
 
-/// Times of all contenders, who take turns within each frame, so that what else a machine does meets all of them alike. A turn is
-/// two light updates, of which the second counts: it finds caches as it left them, as in a program with one method. There are
-/// two lightings a frame, and two more before the first, which make memory ready. Those whose updates take [`SLOW_MS`] and more
-/// take part in the first [`SLOW_TURNS`] only.
+/// Times of all contenders, who take turns within each frame, so that what else a machine does meets all of them alike.
+/// A turn is two light updates, of which the second counts: it finds caches as it left them, as in a program with one
+/// method. There are two lightings a frame, and two more before the first, which make memory ready. Those whose updates
+/// take [`SLOW_MS`] and more take part in the first [`SLOW_TURNS`] only.
 pub fn take_turns(
     contenders: &mut [Box<dyn Contender + '_>],
     lightings: &[Lighting],
@@ -240,8 +241,8 @@ pub fn rest_of(contender: &dyn Contender, args: &Bench) -> u32 {
     }
 }
 
-/// Light updates under the scene's own lights until light is at rest, and the pictures of it. The direct light of the first
-/// contender, which has its own, is that of all.
+/// Light updates under the scene's own lights until light is at rest, and the pictures of it. The direct light of the
+/// first contender, which has its own, is that of all.
 pub fn pictures_at_rest(
     view: &View,
     contender: &mut dyn Contender,

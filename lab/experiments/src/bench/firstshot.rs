@@ -39,7 +39,8 @@ use assets::import::LoadedScene;
 
 /// Scenes that need no file: about as many triangles as Kopylov's.
 const SCENES: [&str; 2] = ["atrium:65000", "atrium:225000"];
-/// Patches whose irradiance has the error: so many that photons from the lights number about as many as Kopylov's, 3.4 million.
+/// Patches whose irradiance has the error: so many that photons from the lights number about as many as Kopylov's, 3.4
+/// million.
 const COUNT: u32 = 40_000;
 /// Cells of the maps along the edge of a patch.
 const CELLS: f32 = 2.0;
@@ -108,7 +109,8 @@ struct Rate {
     scene: String,
     method: &'static str,
     segments: usize,
-    /// Million photon segments a second: starts, with their shadow rays unless it is the table alone, rays, reflections.
+    /// Million photon segments a second: starts, with their shadow rays unless it is the table alone, rays,
+    /// reflections.
     photon_segments_m_s: f64,
     /// Million closest hits a second of obvhs for the rays of the segments.
     obvhs_closest_m_s: f64,
@@ -136,7 +138,7 @@ struct Results<'a> {
     direct_light: &'a [DirectLight],
 }
 
-/// What the scenes gave so far.
+/// Results of the scenes so far.
 #[derive(Default)]
 struct Measured {
     rows: Vec<Row>,
@@ -252,7 +254,8 @@ fn direct_at_corners(loaded: &LoadedScene) -> DirectLight {
     }
 }
 
-/// Illumination maps whose cells make patches: those of a voxel whose normals are nearest to the same direction of an axis.
+/// Illumination maps whose cells make patches: those of a voxel whose normals are nearest to the same direction of an
+/// axis.
 struct VoxelMaps {
     maps: IlluminationMaps,
     patches: Vec<u32>,

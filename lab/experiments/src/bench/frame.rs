@@ -37,7 +37,7 @@ const TILES: &str = "tiles 1 %";
 /// Passes of a light update, in their order; "update" is the matrix round the camera.
 const PASSES: [&str; 7] = ["direct", "gather", "update", "method", "lookup", "mark", "view"];
 
-/// What happens from frame to frame.
+/// Event from frame to frame.
 #[derive(Clone, Copy, PartialEq)]
 enum Event {
     /// Suns, or where there are none all lights, move.
@@ -77,12 +77,12 @@ struct Row {
     light_update: LightUpdate,
     /// Medians of the passes.
     passes: BTreeMap<&'static str, f64>,
-    /// What passes must do at least.
+    /// Least work of passes.
     work: BTreeMap<&'static str, Work>,
     bytes: BTreeMap<String, u64>,
 }
 
-/// What a pass must do at least.
+/// Least work of a pass.
 #[derive(Clone, Copy, Serialize)]
 struct Work {
     /// Tables that it reads and values that it writes.
@@ -289,7 +289,7 @@ impl Measuring<'_> {
     }
 }
 
-/// What is measured.
+/// Measured method.
 struct Named<'a> {
     method: &'a str,
     event: &'static str,
@@ -324,7 +324,7 @@ fn tables(machine: &Machine, operations_g: f64, rows: &[Row]) -> Vec<Table> {
     vec![times, floors::table(machine, operations_g, rows), memory_table(machine, rows)]
 }
 
-/// What frames hold, and how long it takes to read it once.
+/// Memory of frames, and the time to read it once.
 fn memory_table(machine: &Machine, rows: &[Row]) -> Table {
     let mut seen: Vec<(&str, &str, usize)> = Vec::new();
     let mut lines = Vec::new();

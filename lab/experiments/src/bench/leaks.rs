@@ -1,5 +1,5 @@
-//! `bench leaks`: light behind walls. What every kind of method shows in scenes with thin walls, slats and legs, in pixels that
-//! are too bright or too dark against path tracing whose noise is known.
+//! `bench leaks`: light behind walls. What every kind of method shows in scenes with thin walls, slats and legs, in
+//! pixels that are too bright or too dark against path tracing whose noise is known.
 
 use reference::metrics::indirect_scale;
 use reference::{Judge, Picture, PictureFile as _, scale_to_stops};

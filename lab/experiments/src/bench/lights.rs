@@ -15,8 +15,8 @@ const TIMES: [f32; 2] = [0.0, 0.4];
 /// Irradiance of a sun over that of the sky, in a scene that has none.
 const SUN_OVER_SKY: f32 = 3.0;
 
-/// Other lights with their names: three other suns for a scene that has a sun or a sky, else its lamps moved. A scene that
-/// is lit by emissive surfaces only gets a lamp that crosses it.
+/// Other lights with their names: three other suns for a scene that has a sun or a sky, else its lamps moved. A scene
+/// that is lit by emissive surfaces only gets a lamp that crosses it.
 pub fn other_lights(loaded: &LoadedScene) -> Vec<(String, Vec<Light>)> {
     let own = &loaded.scene.lighting.lights;
     let is_sun = |light: &Light| light.kind == LIGHT_DIRECTIONAL;

@@ -53,19 +53,20 @@ struct Row {
     /// Changes of the matrix, and products with it.
     update_ms: f64,
     median_ms: f64,
-    /// Of both together, the longest over the median.
+    /// Longest time of both together, over the median.
     longest: f64,
     /// The matrix, and all that goes with it.
     bytes: u64,
     /// Beside full radiosity.
     classic: Distance,
-    /// Beside all bounces between all patches, none merged, by the form factors that the matrix has, which are reciprocal.
+    /// Beside all bounces between all patches, none merged, by the form factors that the matrix has, which are
+    /// reciprocal.
     unmerged: Distance,
     /// Change of displayed values from frame to frame that at most one of a thousand exceeds, the greatest, in 255ths.
     flicker_255: f64,
 }
 
-/// How far from light that is computed otherwise.
+/// Distance from light that is computed otherwise.
 #[derive(Clone, Copy, Debug, Serialize)]
 struct Distance {
     /// Least SSIM of pictures.
@@ -269,13 +270,13 @@ impl Measuring<'_> {
     }
 }
 
-/// What the matrix is compared with.
+/// Matrix to compare with.
 struct Full {
     classic: Renderer,
     unmerged: Renderer,
 }
 
-/// What the frames of a path did, all but the first.
+/// Work of the frames of a path, all but the first.
 struct Flown {
     classic: Distance,
     unmerged: Distance,

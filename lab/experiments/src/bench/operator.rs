@@ -35,7 +35,7 @@ use receivers::{ReceiverRows, Receivers};
 const COUNT: u32 = 10_000;
 /// Products whose times give the median.
 const ROUNDS: usize = 41;
-/// The same on a device.
+/// Rounds on a device.
 const DEVICE_ROUNDS: usize = 11;
 /// Bounces of classic radiosity that one product is compared with.
 const BOUNCES: u32 = 3;
@@ -44,11 +44,11 @@ const BOUNCES: u32 = 3;
 #[derive(Serialize)]
 struct Row {
     scene: String,
-    /// What the patches are.
+    /// Kind of patches.
     kind: &'static str,
     /// `F`, `T` of all bounces, or `F_r` from the patches to receivers.
     operator: &'static str,
-    /// How it is stored.
+    /// Storage of the operator.
     method: &'static str,
     patches: usize,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -76,7 +76,7 @@ struct Row {
     blocks: Option<blocks::Blocks>,
 }
 
-/// What a scene took before its operators were compressed.
+/// Time and memory of a scene before its operators were compressed.
 #[derive(Clone, Serialize)]
 struct Build {
     scene: String,
@@ -109,7 +109,7 @@ struct Results<'a> {
 struct Truth {
     source: Vec<Vec4>,
     direct: Vec<Vec4>,
-    /// Where T is known.
+    /// Light of all bounces, where T is known.
     all: Option<Vec<Vec4>>,
 }
 
@@ -383,7 +383,7 @@ struct Subject<'a> {
     kind: PatchKind,
     mesh: &'a PatchMesh,
     factors: &'a SymmetricFactors,
-    /// Of all bounces, where they fit into memory.
+    /// Operators of all bounces, where they fit into memory.
     operators: Option<&'a [Mat<f32>; 3]>,
     /// The scene's own light first.
     truths: Vec<Truth>,

@@ -21,7 +21,7 @@ use crate::proxy::{ProxyRadiosity, ProxySettings};
 use crate::report::{Figure, Plot, Section, Series};
 use crate::sequence::pass_ms;
 use crate::summary::PassTimes;
-use ::patches::{MOST_PATCHES, PatchKind};
+use ::patches::{MAX_PATCHES, PatchKind};
 use assets::import::LoadedScene;
 use patchlight::renderer::with_lights;
 use patchlight::{
@@ -31,16 +31,16 @@ use patchlight::{
 /// The break-down, the lights and the pictures are of the most clusters asked for up to this number.
 const MAIN_COUNT: u32 = 10_000;
 /// Form factors of the proxy are dense: beyond this number they take gigabytes.
-const MOST_PROXY_FACES: u32 = 10_000;
-/// Of the break-down: more patches, samples a patch and their rays, rays of patches and elements,
-/// rays of receivers.
+const MAX_PROXY_FACES: u32 = 10_000;
+/// Factors of the break-down: more patches, samples a patch and their rays, rays of patches and elements, rays of
+/// receivers.
 const MORE_PATCHES: usize = 4;
 const MORE_SAMPLES: u32 = 4;
 const MORE_RAYS: u32 = 8;
 const MORE_RECEIVER_RAYS: u32 = 4;
 /// Sub-frames of receivers at pixels, each of which has rays of its own.
 const PIXEL_SUB_FRAMES: u32 = 2;
-/// How the proxy is looked up, and what that is called.
+/// Lookups of the proxy, and their names.
 const LOOKUPS: [(ProxyLookup, &str); 2] =
     [(ProxyLookup::Face, "voxel proxy"), (ProxyLookup::Bilinear, "voxel proxy, bilinear")];
 /// Relative difference of full colour in pictures of differences.
@@ -51,12 +51,12 @@ const REFERENCE: &str = "reference";
 const CLUSTERS: &str = "clusters";
 const PROXY: &str = "proxy";
 
-/// What an experiment found out about a scene.
+/// Results of an experiment in a scene.
 pub struct SceneResult {
     name: String,
     /// All measurements.
     pub rows: Vec<Row>,
-    /// The same for the report.
+    /// Section of the report.
     pub section: Section,
 }
 
@@ -77,11 +77,11 @@ impl SceneResult {
     }
 }
 
-/// What is measured.
+/// Measured case.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Case {
     bake: BakeSettings,
-    /// Of pictures.
+    /// Size of pictures.
     size: (u32, u32),
     sub_frames: u32,
 }
@@ -95,8 +95,8 @@ pub fn main_count(counts: &[u32]) -> u32 {
     most.or(counts.iter().copied().min()).unwrap_or(MAIN_COUNT)
 }
 
-/// Runs the experiment in one scene; pictures go into a folder of its name. Rows are given to `keep` as they come; those that
-/// are `known` are taken as they are.
+/// Runs the experiment in one scene; pictures go into a folder of its name. Rows are given to `keep` as they come;
+/// those that are `known` are taken as they are.
 pub fn one_scene(
     common: &Common,
     args: &Bench,
@@ -311,7 +311,7 @@ impl Experiment<'_> {
 
     /// The voxelisation proxy with about as many faces.
     fn proxies(&mut self, truth: &Truth) -> Result<(), Error> {
-        let counts: Vec<u32> = self.args.counts.iter().copied().filter(|&count| count <= MOST_PROXY_FACES).collect();
+        let counts: Vec<u32> = self.args.counts.iter().copied().filter(|&count| count <= MAX_PROXY_FACES).collect();
         for count in counts {
             let count = count as usize;
             let is_main = count == self.main_count;
@@ -400,7 +400,7 @@ impl Experiment<'_> {
 
     /// Settings with one thing at a time more exact, and what that is.
     fn more_exact(&self, base: &BakeSettings) -> [(String, BakeSettings); 5] {
-        let more = (MORE_PATCHES * base.patch_count).min(MOST_PATCHES);
+        let more = (MORE_PATCHES * base.patch_count).min(MAX_PATCHES);
         let rays = MORE_RAYS * self.args.rays;
         [
             (
@@ -489,7 +489,7 @@ impl Experiment<'_> {
         })
     }
 
-    /// Whether a picture is there, from this run or the one that it goes on from.
+    /// Returns true if a picture is there, from this run or the one that it goes on from.
     fn has_picture(&self, name: &str) -> bool {
         self.written.contains(&name) || (self.args.resume && self.out.join(format!("{name}.png")).exists())
     }
@@ -544,7 +544,7 @@ impl Experiment<'_> {
             format!(
                 "Pictures of {} × {}, {} sub-frames; {} rays a row of F, {} rays a receiver. Light ms: all passes but \
                  shading, frames for the median: {}. Tables of break-down and lights, and the pictures: {} clusters. The proxy's form \
-                 factors are dense: no more than {MOST_PROXY_FACES} faces.",
+                 factors are dense: no more than {MAX_PROXY_FACES} faces.",
                 size.0,
                 size.1,
                 self.args.sub_frames,

@@ -1,4 +1,5 @@
-//! `bench report`: lab/docs/experiments.md with its plots, from nothing but lab/docs/data. The same data give the same bytes.
+//! `bench report`: lab/docs/experiments.md with its plots, from nothing but lab/docs/data. The same data give the same
+//! bytes.
 
 mod bar;
 
@@ -86,7 +87,8 @@ const MEASURES: [Measure; 8] = [
     ("median error at points, %", |row| row.points.map(|p| 100.0 * p.median_relative_error), significant),
 ];
 
-/// In which measures which others are better than the better of the project's own methods, by more than is shown of a number.
+/// In which measures which others are better than the better of the project's own methods, by more than is shown of a
+/// number.
 fn worse(record: &Record<Row>) -> String {
     let mut text = String::new();
     for scene in &record.scenes {

@@ -18,7 +18,7 @@ use patchlight::Pictures;
 pub enum Part {
     /// Kinds, numbers of patches, receivers.
     Patches,
-    /// Where the error is.
+    /// Break-down of the error.
     BreakDown,
     /// Lights that the bake has not seen.
     Lights,
@@ -59,11 +59,11 @@ pub struct Row {
     pub reference_noise: Option<Noise>,
 }
 
-/// What a row is of: scene, part, what, receivers and how many for each, patches.
+/// Key of a row: scene, part, subject, receivers and how many for each, patches.
 pub type Key<'a> = (&'a str, Part, &'a str, Option<&'a str>, Option<f32>, usize);
 
 impl Row {
-    /// What it is of. Rows with the same are measurements of the same.
+    /// Key of a row. Rows with the same are measurements of the same.
     pub fn key(&self) -> Key<'_> {
         let Self { scene, part, what, receivers_at, receiver_density, patch_count, .. } = self;
         (scene, *part, what, receivers_at.as_deref(), *receiver_density, *patch_count)
@@ -89,14 +89,14 @@ pub struct Errors {
 }
 
 impl Errors {
-    /// Of a whole frame.
+    /// Errors of a whole frame.
     pub fn of(pictures: &Pictures, points: Option<&[glam::Vec3]>, truth: &Truth, stops: f32) -> Result<Self, Error> {
         let (full, indirect) = picture_errors(pictures, &truth.pictures, stops)?;
         let points = points.map(|points| compare_points(points, &truth.point_indirect)).transpose()?;
         Ok(Self { psnr_db: Some(full.psnr_db), ssim: Some(full.ssim), ..Self::of_indirect(&indirect, points) })
     }
 
-    /// Of indirect light alone.
+    /// Errors of indirect light alone.
     pub fn of_indirect(indirect: &PictureErrors, points: Option<PointErrors>) -> Self {
         Self {
             psnr_db: None,

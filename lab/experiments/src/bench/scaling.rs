@@ -1,5 +1,5 @@
-//! `bench scaling`: time of a light update and memory of every kind of method over patches, receivers, triangles, lights and
-//! pixels, one at a time.
+//! `bench scaling`: time of a light update and memory of every kind of method over patches, receivers, triangles,
+//! lights and pixels, one at a time.
 
 use glam::Vec3;
 use scene::math::sin_cos_2pi;
@@ -16,19 +16,19 @@ use crate::error::Error;
 use crate::output;
 use crate::report::{Plot, Section, Series, Table, significant};
 use assets::import::LoadedScene;
-use patches::MOST_PATCHES;
+use patches::MAX_PATCHES;
 use patchlight::BakeSettings;
 use patchlight::renderer::with_lights;
 
 /// Patches of the axis over them, unless some are asked for.
 const COUNTS: [u32; 5] = [512, 2048, 8192, 65_535, 262_144];
 /// Matrices of more bytes are not made here: the time of all experiments has its bound.
-const MOST_BYTES: f64 = 2e9;
+const MAX_BYTES: f64 = 2e9;
 /// Patches beyond which there are no more receivers: as many fewer for each patch as there are more patches.
-const MOST_RECEIVERS_OF: f32 = 4096.0;
+const MAX_RECEIVERS_OF: f32 = 4096.0;
 /// Scenes of the axis over triangles.
 const SCENES: [&str; 3] = ["atrium:10000", "atrium:50000", "atrium:250000"];
-/// The same at the smallest setting.
+/// Scenes at the smallest setting.
 const SMALL_SCENES: [&str; 2] = ["atrium:3000", "atrium:6000"];
 /// Lamps of the axis over lights.
 const LAMPS: [u32; 4] = [1, 4, 16, 64];
@@ -38,7 +38,7 @@ const LINES: [u32; 4] = [68, 135, 270, 540];
 const INNER: f32 = 0.8;
 const STEP: f32 = 0.01;
 
-/// What one of the axes is over.
+/// Quantity along one of the axes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Axis {
@@ -177,17 +177,17 @@ fn over_patches(place: &Place, loaded: &LoadedScene, count: usize) -> Result<Vec
     let methods = [&PatchMethod::usual(count, place.common.seed)[..], &PatchMethod::dense()].concat();
     let too_large = |method: &PatchMethod| {
         let bytes = method.matrix_bytes(count);
-        (bytes > MOST_BYTES).then(|| format!("matrix of {} GB", significant(1e-9 * bytes)))
+        (bytes > MAX_BYTES).then(|| format!("matrix of {} GB", significant(1e-9 * bytes)))
     };
     let why = |method: &PatchMethod| {
-        let no_bake = || (count > MOST_PATCHES).then(|| format!("{MOST_PATCHES} at most"));
+        let no_bake = || (count > MAX_PATCHES).then(|| format!("{MAX_PATCHES} at most"));
         too_large(method).or_else(no_bake)
     };
     let (possible, impossible): (Vec<PatchMethod>, _) = methods.into_iter().partition(|method| why(method).is_none());
     let mut found = Vec::new();
     let mut value = count as u64;
     if !possible.is_empty() {
-        let receiver_density = (MOST_RECEIVERS_OF / count as f32).min(1.0);
+        let receiver_density = (MAX_RECEIVERS_OF / count as f32).min(1.0);
         let settings = BakeSettings { receiver_density, ..bake_settings(place.common, place.args, loaded, count) };
         let view = View::new(place.common, place.args, loaded);
         let field = Field::new(&view, &settings, place.progress)?;

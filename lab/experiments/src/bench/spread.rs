@@ -1,6 +1,7 @@
-//! `bench spread`: ways to spread the product with the form factors over frames. The thesis names two for the matrix as it is, and
-//! refuses both (chapter 6): light that is shown when a product over many frames is done jumps, light of a part of the columns in
-//! each frame flickers. Beside them samples of rows, and what the weight w of the frames before does to these (figure 6.2).
+//! `bench spread`: ways to spread the product with the form factors over frames. The thesis names two for the matrix as
+//! it is, and refuses both (chapter 6): light that is shown when a product over many frames is done jumps, light of a
+//! part of the columns in each frame flickers. Beside them samples of rows, and what the weight w of the frames before
+//! does to these (figure 6.2).
 
 use std::sync::Arc;
 
@@ -35,7 +36,7 @@ const WEIGHTS: [f32; 7] = [0.0, 0.25, 0.5, 0.75, 0.9, 0.95, 0.98];
 const SAMPLES: u32 = 64;
 /// Relative change at which the light of all bounces is found, and most products for it.
 const EXACT: f64 = 1e-6;
-const MOST_PRODUCTS: u32 = 500;
+const MAX_PRODUCTS: u32 = 500;
 /// Picture of which a renderer wants to know the size; none is rendered.
 const SIZE: (u32, u32) = (32, 18);
 /// Entries of a list that stands for a row of real numbers.
@@ -44,7 +45,7 @@ const LIST_ENTRIES: usize = 1024;
 /// A way to go on by a frame: takes the first exitance of the patches, gives the irradiance that is shown, W/m².
 type Way<'a> = Box<dyn FnMut(&[Vec4]) -> Result<Vec<Vec4>, Error> + 'a>;
 
-/// How a way went.
+/// Results of a way.
 #[derive(Clone, Serialize)]
 struct Row {
     scene: String,
@@ -55,7 +56,7 @@ struct Row {
     worst: f64,
     /// Greatest change of displayed values from frame to frame while lights move (99.9th percentile), 255ths.
     jump_255: f64,
-    /// The same after all lights rest: in the last frames, and the distance there.
+    /// Flicker after all lights rest: in the last frames, and the distance there.
     flicker_255: f64,
     rest: f64,
     #[serde(skip)]
@@ -168,7 +169,7 @@ fn exact_light(factors: &Csr, albedo: &[Vec4], sources: &[Vec<Vec4>]) -> Result<
     let mut light = vec![Vec4::ZERO; albedo.len()];
     let mut all = Vec::new();
     for source in sources {
-        for _ in 0..MOST_PRODUCTS {
+        for _ in 0..MAX_PRODUCTS {
             let next = product(factors, &exitance(source, albedo, &light))?;
             let step = distance(&truncated(&next), &truncated(&light));
             light = next;
@@ -252,7 +253,8 @@ fn when_done<'a>(factors: &'a Csr, albedo: &'a [Vec4]) -> Way<'a> {
     })
 }
 
-/// Each frame a part of the columns, times the number of parts, blended with the frames before so that a round of all parts counts.
+/// Each frame a part of the columns, times the number of parts, blended with the frames before so that a round of all
+/// parts counts.
 fn by_parts<'a>(factors: &'a Csr, albedo: &'a [Vec4]) -> Way<'a> {
     let patches = albedo.len();
     let part = patches.div_ceil(FRAMES);
@@ -273,7 +275,7 @@ fn by_parts<'a>(factors: &'a Csr, albedo: &'a [Vec4]) -> Way<'a> {
     })
 }
 
-/// What patches shine with, W/m²: E + ρ∘H.
+/// Exitance of patches, W/m²: E + ρ∘H.
 fn exitance(source: &[Vec4], albedo: &[Vec4], light: &[Vec4]) -> Vec<Vec4> {
     source.iter().zip(albedo).zip(light).map(|((e, rho), h)| *e + *rho * *h).collect()
 }
@@ -288,7 +290,7 @@ fn truncated(light: &[Vec4]) -> Vec<Vec3> {
     light.iter().map(|h| h.truncate()).collect()
 }
 
-/// How the light of all frames differs from that of all bounces, and from frame to frame.
+/// Differences of the light of all frames from that of all bounces, and from frame to frame.
 fn judge(scene: &str, way: &str, shown: &[Vec<Vec3>], exact: &[Vec<Vec3>], scale: f32) -> Row {
     let errors: Vec<f64> = shown.iter().zip(exact).map(|(now, exact)| distance(now, exact)).collect();
     let changes: Vec<f64> = shown.windows(2).map(|two| flicker(&two[1], &two[0], scale)).collect();

@@ -19,7 +19,7 @@ const AWAY: u32 = 3;
 /// Light of frames without memory after the jump: two tell its noise.
 const FORGETFUL: u32 = 2;
 
-/// How a method follows.
+/// Response of a method to changes.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Row {
     #[serde(flatten)]
@@ -31,9 +31,10 @@ pub struct Row {
     pub followed_99: Option<usize>,
     /// Relative L2 distance of the light of the last frame from that of the frame before.
     pub change: f64,
-    /// Share of the pixels of all light of which the displayed values change by more than 1/255 from that frame to the last.
+    /// Share of the pixels of all light of which the displayed values change by more than 1/255 from that frame to the
+    /// last.
     pub noise_share: f64,
-    /// What is left of the jump after each frame; rounded, for a plot.
+    /// Share of the jump that remains after each frame; rounded, for a plot.
     #[serde(skip_serializing_if = "Vec::is_empty", default)]
     pub left: Vec<f64>,
 }
@@ -142,7 +143,7 @@ fn table(rows: &[Row]) -> Table {
     }
 }
 
-/// What is left of a jump of the lights over the frames after it.
+/// Remaining share of a jump of the lights over the frames after it.
 fn jump_plot(rows: &[Row]) -> Plot {
     // The last frame is its own measure.
     let frames = |left: &[f64]| left.len().saturating_sub(2);

@@ -1,4 +1,5 @@
-//! Experiments with contenders: scenes one after the other, what is kept of them, and their section of docs/experiments.md.
+//! Experiments with contenders: scenes one after the other, what is kept of them, and their section of
+//! docs/experiments.md.
 
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
@@ -27,11 +28,11 @@ pub const SIDE_BY_SIDE: &str = "side-by-side.png";
 pub trait Study {
     /// A measurement.
     type Row: Serialize + DeserializeOwned + Clone;
-    /// What the command and the files are called.
+    /// Name of the command and the files.
     const NAME: &'static str;
     /// Heading of the section.
     const TITLE: &'static str;
-    /// What is measured, and how to read it: a paragraph.
+    /// The measurement, and how to read it: a paragraph.
     const ABOUT: &'static str;
     /// Built-in scenes, unless some are named.
     const SCENES: &'static [&'static str];
@@ -39,12 +40,12 @@ pub trait Study {
     const SHARED: &'static [&'static str] = &[];
     /// Patches, unless it is said.
     const PATCHES: u32 = 2000;
-    /// Whether light updates are timed.
+    /// Times light updates.
     const TIMED: bool = false;
     /// Scenes of which docs have the picture.
     const SHOWN: &'static [&'static str] = &[];
 
-    /// What is measured of a scene: as it is, or several of its kind.
+    /// Variants of a scene that are measured: as it is, or several of its kind.
     ///
     /// # Errors
     /// What the scenes say.
@@ -62,27 +63,27 @@ pub trait Study {
     fn sections(scenes: &[SceneRows<Self::Row>]) -> Vec<Section>;
 }
 
-/// How and where a scene is measured.
+/// Measurement of a scene: settings and place.
 pub struct Place<'a> {
     pub common: &'a Common,
     pub args: &'a Bench,
     pub progress: &'a Progress,
     /// Patches.
     pub patches: usize,
-    /// Of the experiment.
+    /// Output folder of the experiment.
     pub out: &'a Path,
-    /// Of the scene.
+    /// Output folder of the scene.
     pub folder: PathBuf,
 }
 
-/// What was found in a scene.
+/// Results of a scene.
 pub struct Measured<Row> {
     pub rows: Vec<Row>,
-    /// What it was compared with.
+    /// Reference of the comparison.
     pub reference: Option<String>,
     /// Pictures for the report.
     pub figures: Vec<Figure>,
-    /// What [`SIDE_BY_SIDE`] shows, where there is one.
+    /// Pictures of [`SIDE_BY_SIDE`], where there is one.
     pub shown: Vec<String>,
     /// Who could not take part, and why.
     pub left_out: Vec<String>,
@@ -102,7 +103,7 @@ pub struct Circumstances {
     pub date: String,
     pub machine: Machine,
     pub device: String,
-    /// What else is to be known of the machine, as it was given.
+    /// Note on the machine, as it was given.
     #[serde(skip_serializing_if = "Option::is_none", default)]
     pub note: Option<String>,
     pub seed: u32,
@@ -111,7 +112,7 @@ pub struct Circumstances {
     pub patches: u32,
 }
 
-/// What was found in a scene, as it is kept.
+/// Results of a scene, as they are kept.
 #[derive(Clone, Serialize, Deserialize)]
 pub struct SceneRows<Row> {
     pub scene: String,
@@ -126,7 +127,7 @@ pub struct SceneRows<Row> {
     pub rows: Vec<Row>,
 }
 
-/// What an experiment found: its summary.json, and its file in docs/data, which scenes are added to one after the other.
+/// Record of an experiment: its summary.json, and its file in docs/data, which scenes are added to one after the other.
 #[derive(Serialize, Deserialize)]
 pub struct Record<Row> {
     pub name: String,
@@ -138,7 +139,7 @@ impl<Row: Clone + DeserializeOwned> Record<Row> {
         Self { name: name.to_owned(), scenes: Vec::new() }
     }
 
-    /// What a folder of documents has of an experiment so far.
+    /// Record of an experiment in a folder of documents so far.
     fn kept<S: Study<Row = Row>>(docs: &Path) -> Result<Self, Error> {
         let path = data_file::<S>(docs);
         if path.exists() { read(&path, S::NAME) } else { Ok(Self::new(S::NAME)) }
@@ -255,7 +256,7 @@ fn keep_in_docs<S: Study>(
     Ok(())
 }
 
-/// Where docs have the data of an experiment.
+/// Path of an experiment's data in docs.
 pub fn data_file<S: Study>(docs: &Path) -> PathBuf {
     docs.join(DATA).join(format!("{}.json", S::NAME))
 }
@@ -357,7 +358,8 @@ fn plot_name<S: Study>(section: &str, number: usize) -> String {
 }
 
 impl<Row> Record<Row> {
-    /// When, on what and how its scenes were measured: a sentence for those that follow each other and have it in common.
+    /// When, on what and how its scenes were measured: a sentence for those that follow each other and have it in
+    /// common.
     fn sentences<S: Study>(&self) -> Vec<String> {
         let mut groups: Vec<(Vec<&str>, String)> = Vec::new();
         for scene in &self.scenes {

@@ -1,5 +1,5 @@
-//! `bench table3`: every method and every opponent on the same scene, lights, camera and rays: time of a whole light update,
-//! memory, preparation, pictures and points against path tracing.
+//! `bench table3`: every method and every opponent on the same scene, lights, camera and rays: time of a whole light
+//! update, memory, preparation, pictures and points against path tracing.
 
 use reference::metrics::{compare_points, indirect_scale};
 use reference::{Picture, PictureErrors, PictureFile as _, PointErrors, scale_to_stops};
@@ -19,7 +19,7 @@ const REFERENCE: &str = "reference";
 /// Family of the opponent that is named where it is nearest.
 pub const NEAREST: &str = "DDGI";
 
-/// What was measured of a method in a scene.
+/// Measurements of a method in a scene.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Row {
     #[serde(flatten)]
@@ -197,7 +197,7 @@ fn tables(scene: &SceneRows<Row>) -> Vec<Table> {
     tables
 }
 
-/// What products with operators read, and how long reading it once takes at least.
+/// Bytes that products with operators read, and the least time to read them once.
 fn bandwidth(scene: &SceneRows<Row>) -> Option<Table> {
     let stream = scene.circumstances.machine.stream_gb_s;
     let line = |row: &Row| {

@@ -1,5 +1,5 @@
-//! `bench temporal`: light that is sampled beside exact products: time, memory, how fast it follows a jump of the lights, noise
-//! at rest, and pictures against the reference.
+//! `bench temporal`: light that is sampled beside exact products: time, memory, how fast it follows a jump of the
+//! lights, noise at rest, and pictures against the reference.
 
 use std::sync::Arc;
 use std::time::Instant;
@@ -32,7 +32,7 @@ const COUNT: u32 = 10_000;
 const AWAY: u32 = 12;
 const REST: u32 = 48;
 
-/// What is measured beside classic radiosity.
+/// Variants measured beside classic radiosity.
 fn variants(epsilon: f64, seed: u32) -> Vec<(&'static str, MethodSettings)> {
     let default = Settings { seed, ..Settings::DEFAULT };
     let few = Settings { samples: 16, ..default };
@@ -73,15 +73,16 @@ struct Row {
     /// Median of the light between patches, and of its way to the receivers.
     median_ms: f64,
     lookup_ms: f64,
-    /// What is multiplied by or sampled from: between patches, and to elements and receivers.
+    /// Operators and tables that are multiplied by or sampled from: between patches, and to elements and receivers.
     bytes: u64,
     lookup_bytes: u64,
-    /// Of what classic radiosity does not need.
+    /// Time of preparation that classic radiosity does not need.
     build_s: f64,
     /// Distance from the light at rest over that of the light before, so many frames after the jump.
     left_1: f64,
     left_8: f64,
-    /// Relative L2 distance from exact light, and from the frame before, in the end; change of displayed values, 99.9th percentile.
+    /// Relative L2 distance from exact light, and from the frame before, in the end; change of displayed values, 99.9th
+    /// percentile.
     error: f64,
     change: f64,
     flicker_255: f64,
@@ -241,7 +242,7 @@ impl Measuring<'_> {
     }
 }
 
-/// What frames took, and the light from the last one with other lights on.
+/// Times of frames, and the light from the last one with other lights on.
 #[derive(Default)]
 struct Frames {
     method_ms: Vec<f64>,

@@ -25,7 +25,7 @@ use reference::Picture;
 struct Figure {
     /// Its number.
     name: &'static str,
-    /// What is shown.
+    /// Caption.
     says: &'static str,
     /// Patches of each scene unless it is said.
     counts: &'static [u32],
@@ -103,14 +103,14 @@ const FIGURES: &[Figure] = &[
     },
 ];
 
-/// What a figure is measured on.
+/// Input of a figure's measurement.
 struct Study<'a> {
     common: &'a Common,
     args: &'a Bench,
     loaded: &'a LoadedScene,
     /// Patches.
     counts: Vec<u32>,
-    /// Where pictures go.
+    /// Folder of pictures.
     out: &'a Path,
     progress: &'a Progress,
 }
@@ -122,7 +122,7 @@ impl Study<'_> {
     }
 }
 
-/// What was found in one scene.
+/// Results of one scene.
 struct Outcome {
     /// The numbers.
     rows: serde_json::Value,

@@ -1,4 +1,4 @@
-//! What pictures and points are compared with.
+//! References of pictures and points.
 
 use std::path::Path;
 
@@ -22,7 +22,7 @@ const POINTS: u32 = 512;
 const POINT_PATHS: u32 = 8;
 /// Probe samples whose reachability is tested before points are placed.
 const POINT_PROBE_SAMPLES: u32 = 8192;
-/// What the seeds of two independent halves differ by.
+/// Difference of the seeds of two independent halves.
 const OTHER_HALF: u32 = 0x6861_6c66;
 
 /// Pictures and points to compare with.
@@ -32,9 +32,9 @@ pub struct Truth {
     /// Points, and the indirect irradiance at them, W/m².
     pub points: Vec<SurfacePoint>,
     pub point_indirect: Vec<Vec3>,
-    /// How far the pictures are from the truth, where they tell.
+    /// Noise of the pictures, where known.
     pub noise: Option<Noise>,
-    /// Where they are from.
+    /// Source.
     pub source: String,
 }
 

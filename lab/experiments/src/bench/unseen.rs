@@ -1,4 +1,5 @@
-//! `bench unseen`: errors under lights that no bake has seen, beside those under the scene's own, for every kind of method.
+//! `bench unseen`: errors under lights that no bake has seen, beside those under the scene's own, for every kind of
+//! method.
 
 use reference::PictureErrors;
 use scene::Light;
@@ -22,7 +23,7 @@ const OTHERS: usize = 2;
 /// Errors of a method under a light.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Row {
-    /// What shines.
+    /// Light sources.
     pub light: String,
     #[serde(flatten)]
     pub who: Who,

@@ -1,5 +1,5 @@
-//! Blending on the host: rays of no weight in a texel are left out of lists, and inner texels are found once. The same bits as the
-//! kernels, for what is left out adds nothing.
+//! Blending on the host: rays of no weight in a texel are left out of lists, and inner texels are found once. The same
+//! bits as the kernels, for what is left out adds nothing.
 
 use ::ddgi::kernel::blend::{mixed_irradiance, mixed_visibility, moments, weight};
 use ::ddgi::kernel::octahedral::inner_texel;
@@ -18,7 +18,7 @@ pub struct Weights {
 }
 
 impl Weights {
-    /// Of rays in these unit directions.
+    /// Weights of rays in these unit directions.
     pub fn new(directions: &[Vec3], exponent: u32) -> Self {
         let rays = directions.len() as u32;
         let p = WeightParams { count: RAY_WEIGHTS * rays, rays, exponent };

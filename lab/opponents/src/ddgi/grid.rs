@@ -1,4 +1,4 @@
-//! Where probes are: a regular grid over the scene's bounds.
+//! Probe grid: a regular grid over the scene's bounds.
 
 use glam::{UVec3, Vec3};
 use scene::Scene;
@@ -8,13 +8,13 @@ use reference::Error;
 /// Probes at most.
 pub const PROBE_LIMIT: u64 = 1 << 18;
 /// Probes along each axis at least: there are eight to interpolate between.
-const LEAST: f32 = 2.0;
+const MIN: f32 = 2.0;
 /// Spacing along an axis over the one asked for, at least: for scenes that are flat.
-const LEAST_SHARE: f32 = 0.25;
+const MIN_SHARE: f32 = 0.25;
 /// Steps of the search for a number of probes.
 const STEPS: u32 = 40;
 
-/// How far probes are from each other.
+/// Spacing of probes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Spacing {
     /// Most distance along each axis, m.
@@ -69,7 +69,7 @@ impl Grid {
         if counts.as_dvec3().element_product() > PROBE_LIMIT as f64 {
             return Err(setting("large enough for at most 2^18 probes"));
         }
-        let spacing = ((high - low) / counts).max(Vec3::splat(edge * LEAST_SHARE));
+        let spacing = ((high - low) / counts).max(Vec3::splat(edge * MIN_SHARE));
         let first = 0.5 * (low + high) - 0.5 * (counts - 1.0) * spacing;
         Ok(Self { counts: counts.as_uvec3(), spacing, first })
     }
@@ -112,5 +112,5 @@ impl Grid {
 
 fn counts(extent: Vec3, edge: f32) -> Vec3 {
     // A little less, so that rounding adds no layer.
-    (extent / edge - 1e-3).ceil().max(Vec3::splat(LEAST))
+    (extent / edge - 1e-3).ceil().max(Vec3::splat(MIN))
 }

@@ -12,20 +12,20 @@ use crate::harmonics::spherical_fibonacci;
 /// Rays of a probe that find where it is; the same in every frame.
 const FIXED_RAYS: u32 = 32;
 /// A probe that sees more of the backs of surfaces is inside of something.
-const MOST_BACKS: f32 = 0.25;
+const MAX_BACKS: f32 = 0.25;
 /// Moves of a probe, and the most that they may add up to, in spacings.
 const MOVES: u32 = 5;
-const MOST_MOVE: f32 = 0.45;
+const MAX_MOVE: f32 = 0.45;
 /// Least distance of a probe from the front of a surface, in least spacings.
-const LEAST_FRONT: f32 = 0.2;
+const MIN_FRONT: f32 = 0.2;
 
-/// What the fixed rays of a probe see.
+/// Hits of the fixed rays of a probe.
 struct Sight {
     backs: f32,
     back: (f32, Vec3),
     front: (f32, Vec3),
     farthest: (f32, Vec3),
-    /// Whether a front is within a cell of the probe.
+    /// True if a front is within a cell of the probe.
     is_near: bool,
 }
 
@@ -39,7 +39,7 @@ pub fn place(scene: &Scene, grid: &Grid, settings: &DdgiSettings) -> Vec<Probe> 
             position = home + moved(&look(scene, grid, settings, &directions, position), grid, position - home);
         }
         let sight = look(scene, grid, settings, &directions, position);
-        let is_active = !settings.classification || (sight.backs <= MOST_BACKS && sight.is_near);
+        let is_active = !settings.classification || (sight.backs <= MAX_BACKS && sight.is_near);
         Probe { position, is_active: u32::from(is_active) }
     };
     (0..grid.count()).into_par_iter().map(one).collect()
@@ -75,8 +75,8 @@ fn look(scene: &Scene, grid: &Grid, settings: &DdgiSettings, directions: &[Vec3]
 
 /// The offset after one more move; the old one where the new one would be too far from home.
 fn moved(sight: &Sight, grid: &Grid, offset: Vec3) -> Vec3 {
-    let least = LEAST_FRONT * grid.spacing.min_element();
-    let new = if sight.backs > MOST_BACKS {
+    let least = MIN_FRONT * grid.spacing.min_element();
+    let new = if sight.backs > MAX_BACKS {
         // Out through the nearest back.
         offset + sight.back.1 * (sight.back.0 + 0.5 * least)
     } else if sight.front.0 < least {
@@ -90,5 +90,5 @@ fn moved(sight: &Sight, grid: &Grid, offset: Vec3) -> Vec3 {
         let back = (sight.front.0 - least).min(offset.length());
         offset - offset.normalize_or_zero() * back
     };
-    if (new / grid.spacing).length() < MOST_MOVE { new } else { offset }
+    if (new / grid.spacing).length() < MAX_MOVE { new } else { offset }
 }

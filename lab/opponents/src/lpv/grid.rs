@@ -1,5 +1,5 @@
-//! Cells that hold light as intensity in two bands of spherical harmonics, blockers between them, and how light goes on from
-//! cell to cell (Kaplanyan and Dachsbacher 2010, sections 4 and 5).
+//! Cells that hold light as intensity in two bands of spherical harmonics, blockers between them, and how light goes on
+//! from cell to cell (Kaplanyan and Dachsbacher 2010, sections 4 and 5).
 
 use std::f32::consts::{FRAC_1_PI, PI};
 
@@ -11,13 +11,14 @@ use scene::{NONE, Scene};
 use super::shadow_map::VirtualLight;
 use crate::harmonics::{cosine_lobe, two_bands};
 
-/// Solid angles in which a cell sees the farther face of a neighbour, and each of its four sides, sr: a sixth of the sphere in all.
+/// Solid angles in which a cell sees the farther face of a neighbour, and each of its four sides, sr: a sixth of the
+/// sphere in all.
 const FAR_FACE: f32 = 0.400_669_7;
 const SIDE_FACE: f32 = (4.0 * PI / 6.0 - FAR_FACE) / 4.0;
 /// Samples of surface for each area of a cell's face.
 const SAMPLES_A_FACE: f32 = 16.0;
 /// Samples of a triangle at most.
-const MOST_SAMPLES: f32 = 65_536.0;
+const MAX_SAMPLES: f32 = 65_536.0;
 /// Light goes along the axes only: isotropic light is in a cell 3/2 times as long as light along an axis.
 const DETOUR: f32 = 2.0 / 3.0;
 
@@ -46,7 +47,7 @@ struct Blocker {
     reflected: Vec4,
 }
 
-/// What lies between cells: an index for each face, axis by axis.
+/// Blockers between cells: an index for each face, axis by axis.
 struct Blockers {
     index: [Vec<u32>; 3],
     list: Vec<Blocker>,
@@ -104,7 +105,7 @@ fn cell_in(counts: IVec3, number: usize) -> IVec3 {
 pub struct Grid {
     pub shape: Shape,
     blockers: Blockers,
-    /// What goes on in the next step, and what came by in all steps, `[cells]`.
+    /// Light that goes on in the next step, and light that came by in all steps, `[cells]`.
     moving: Vec<Intensity>,
     next: Vec<Intensity>,
     passed: Vec<Intensity>,
@@ -114,7 +115,8 @@ pub struct Grid {
 }
 
 impl Grid {
-    /// Grid of a scene, dark. `blocking` tells whether surfaces stop light, and if so, whether their backs count as fronts.
+    /// Grid of a scene, dark. `blocking` tells whether surfaces stop light, and if so, whether their backs count as
+    /// fronts.
     pub fn new(scene: &Scene, shape: Shape, blocking: Option<bool>) -> Self {
         let faces = WAYS.map(faces_of);
         let free = faces.map(|faces| faces.iter().fold(Mat4::ZERO, |sum, face| sum + reprojection(face)));
@@ -147,8 +149,8 @@ impl Grid {
         }
     }
 
-    /// Lets light go on by one cell. `is_first` lets it off the surfaces that it comes from; `reflects` sends on what surfaces
-    /// reflect.
+    /// Lets light go on by one cell. `is_first` lets it off the surfaces that it comes from; `reflects` sends on what
+    /// surfaces reflect.
     pub fn step(&mut self, is_first: bool, reflects: bool) {
         let mut next = std::mem::take(&mut self.next);
         let mut passed = std::mem::take(&mut self.passed);
@@ -169,8 +171,8 @@ impl Grid {
         self.moving.iter().map(flux).sum::<Vec3>() * (4.0 * PI).sqrt()
     }
 
-    /// Irradiance at a point, W/m²: what comes by a cell in front of it, trilinear. In the cell of the surface itself its own
-    /// blockers have stopped a part.
+    /// Irradiance at a point, W/m²: what comes by a cell in front of it, trilinear. In the cell of the surface itself
+    /// its own blockers have stopped a part.
     pub fn irradiance(&self, position: Vec3, normal: Vec3) -> Vec3 {
         let lobe = cosine_lobe(-normal) * (DETOUR / (self.shape.edge * self.shape.edge));
         let place = self.shape.place(position) + normal - 0.5;
@@ -187,7 +189,7 @@ impl Grid {
         sum.max(Vec3::ZERO)
     }
 
-    /// What reaches a cell from its neighbours, and from surfaces round it.
+    /// Light that reaches a cell from its neighbours, and from surfaces round it.
     fn arriving(&self, number: usize, is_first: bool, reflects: bool) -> Intensity {
         let cell = self.shape.cell(number);
         let mut sum = DARK;
@@ -270,7 +272,8 @@ impl Blocker {
 }
 
 impl Blockers {
-    /// Surfaces are gathered at corners of cells, half a cell off the cells' centres; a face takes the mean of its four corners.
+    /// Surfaces are gathered at corners of cells, half a cell off the cells' centres; a face takes the mean of its four
+    /// corners.
     fn new(scene: &Scene, shape: &Shape, blocking: Option<bool>) -> Self {
         let corners = shape.counts + 1;
         let at_corners = match blocking {
@@ -302,7 +305,7 @@ impl Blockers {
         Self { index, list }
     }
 
-    /// What lies between a cell and the next one on a way.
+    /// Blocker between a cell and the next one on a way.
     #[inline]
     fn between(&self, shape: &Shape, cell: IVec3, way: usize) -> Option<&Blocker> {
         let axis = way / 2;
@@ -312,15 +315,15 @@ impl Blockers {
     }
 }
 
-/// At each corner the lobes of the surface nearest to it, by area over that of a cell's face, and the sum of its albedo with
-/// that of its areas.
+/// At each corner the lobes of the surface nearest to it, by area over that of a cell's face, and the sum of its albedo
+/// with that of its areas.
 fn surfaces(scene: &Scene, shape: &Shape, two_sided: bool) -> Vec<(Vec4, Vec4)> {
     let corners = shape.counts + 1;
     let tables = scene.tables();
     let mut sums = vec![(Vec4::ZERO, Vec4::ZERO); corners.as_i64vec3().element_product() as usize];
     for (triangle, t) in (0..).zip(&scene.geometry.triangles) {
         let area = 0.5 * t.edge_a.cross(t.edge_b).length() / (shape.edge * shape.edge);
-        let count = (area * SAMPLES_A_FACE).ceil().clamp(1.0, MOST_SAMPLES) as u32;
+        let count = (area * SAMPLES_A_FACE).ceil().clamp(1.0, MAX_SAMPLES) as u32;
         let part = area / count as f32;
         let normal = tables.normal(triangle);
         let mut lobe = cosine_lobe(normal) * part;
@@ -382,8 +385,8 @@ mod tests {
 
     #[test]
     fn a_black_floor_takes_light() {
-        // Nothing arrives in four steps. The floor is the border of the grid: light that arrives is stopped a step before it
-        // would leave, so that a little less is under way.
+        // Nothing arrives in four steps. The floor is the border of the grid: light that arrives is stopped a step
+        // before it would leave, so that a little less is under way.
         assert_eq!(flux_after(4, None).to_bits(), flux_after(4, Some(false)).to_bits());
         let (free, stopped) = (flux_after(20, None), flux_after(20, Some(false)));
         assert!(stopped < 0.98 * free && stopped > 0.9 * free, "{stopped} of {free}");

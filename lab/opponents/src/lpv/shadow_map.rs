@@ -1,7 +1,7 @@
-//! What lights meet first: points that send reflected light on.
+//! Virtual lights: points where light lands first and is sent on.
 //!
-//! The paper takes them from reflective shadow maps (Dachsbacher and Stamminger 2005), one texel a point. Here each light
-//! casts as many rays as a map has texels, so that area lights, emitters and skies are served as well.
+//! The paper takes them from reflective shadow maps (Dachsbacher and Stamminger 2005), one texel a point. Here each
+//! light casts as many rays as a map has texels, so that area lights, emitters and skies are served as well.
 
 use std::f32::consts::{PI, TAU};
 
@@ -33,7 +33,7 @@ struct Beam {
     flux: Vec3,
 }
 
-/// What a map belongs to.
+/// Source of a map.
 #[derive(Clone, Copy)]
 enum Source {
     Light(usize),
@@ -41,8 +41,8 @@ enum Source {
     Sky,
 }
 
-/// Virtual lights of all that shines, `texels` rays for each light, for all emitters together and for the sky. On all cores; the
-/// same for any number of them.
+/// Virtual lights of all that shines, `texels` rays for each light, for all emitters together and for the sky. On all
+/// cores; the same for any number of them.
 pub fn virtual_lights(scene: &Scene, texels: u32) -> Vec<VirtualLight> {
     let mut sources: Vec<Source> = (0..scene.lighting.lights.len()).map(Source::Light).collect();
     if !scene.emitters.is_empty() {
@@ -55,7 +55,7 @@ pub fn virtual_lights(scene: &Scene, texels: u32) -> Vec<VirtualLight> {
     sources.into_par_iter().flat_map(of_source).collect()
 }
 
-/// What ray `k` of `count` meets.
+/// Virtual light of ray `k` of `count`.
 fn reflect(scene: &Scene, source: Source, k: u32, count: u32) -> Option<VirtualLight> {
     let beam = match source {
         Source::Light(slot) => light_beam(scene, &scene.lighting.lights[slot], k, count),
@@ -136,7 +136,7 @@ fn round(axis: Vec3, cosine: f32, turn: f32) -> Vec3 {
     (a * (r * cos) + b * (r * sin) + axis * cosine).normalize()
 }
 
-/// Where parallel light enters the scene's bounds: a place of the rectangle about their outline, and its area, m².
+/// Entry of parallel light into the scene's bounds: a place of the rectangle about their outline, and its area, m².
 fn opening(scene: &Scene, direction: Vec3, (u, v): (f32, f32)) -> (Vec3, f32) {
     let (low, high) = scene.geometry.bounds;
     let centre = 0.5 * (low + high);

@@ -12,7 +12,7 @@ use scene::{NONE, SurfacePoint};
 /// Pixels along the edge of the pictures at whose points light is asked for.
 const EDGE: u32 = 16;
 
-/// What the pixels see of the scene.
+/// Points of the scene in view.
 pub fn points(loaded: &LoadedScene) -> Vec<ViewedPoint> {
     let camera = loaded.view.camera(EDGE, EDGE);
     let tables = loaded.scene.tables();

@@ -1,6 +1,6 @@
 //! EULUMDAT: one value a line, intensities in cd per 1000 lm of the lamps' flux.
 
-use super::{MOST_ANGLES, MOST_QUANTITY, Sheet, Symmetry, Text};
+use super::{MAX_ANGLES, MAX_QUANTITY, Sheet, Symmetry, Text};
 use crate::import::ImportError;
 
 /// Lines before those of the sets of lamps.
@@ -10,7 +10,7 @@ const SET: usize = 6;
 /// Lines of direct ratios behind them.
 const RATIOS: usize = 10;
 /// Most sets of lamps.
-const MOST_SETS: usize = 20;
+const MAX_SETS: usize = 20;
 
 /// A line of a file that holds one number, counted from 0.
 fn number(text: &Text, line: usize, name: &str) -> Result<f64, ImportError> {
@@ -80,13 +80,13 @@ fn stored_planes(text: &Text, kind: usize, planes: &[f64], first: usize) -> Resu
 /// Reads a file with one of its sets of lamps, counted from 1.
 pub fn parse(text: &mut Text, lamp_set: usize) -> Result<Sheet, ImportError> {
     let kind = count(text, 2, "the symmetry (Isym)", 0, 4)?;
-    let plane_count = count(text, 3, "the number of C planes", 1, MOST_ANGLES)?;
+    let plane_count = count(text, 3, "the number of C planes", 1, MAX_ANGLES)?;
     let least = [1, 1, 2, 4, 4][kind];
     if plane_count % least != 0 {
         let reason = format!("symmetry {kind} needs a number of C planes that {least} divides, not {plane_count}");
         return Err(text.fault(3, reason));
     }
-    let gamma_count = count(text, 5, "the number of intensities in a C plane", 2, MOST_ANGLES)?;
+    let gamma_count = count(text, 5, "the number of intensities in a C plane", 2, MAX_ANGLES)?;
     let mut size = [0.0; 3];
     for (length, (line, name)) in size.iter_mut().zip([(15, "length"), (16, "width"), (17, "height")]) {
         *length = within(text, line, &format!("the {name} of the luminous area"), 0.0, 1e9)? / 1000.0;
@@ -96,13 +96,13 @@ pub fn parse(text: &mut Text, lamp_set: usize) -> Result<Sheet, ImportError> {
         size[1] = size[0];
     }
     let conversion = within(text, 23, "the conversion factor of the intensities", 1e-9, 1e9)?;
-    let sets = count(text, 25, "the number of sets of lamps", 1, MOST_SETS)?;
+    let sets = count(text, 25, "the number of sets of lamps", 1, MAX_SETS)?;
     if !(1..=sets).contains(&lamp_set) {
         return Err(text.fault(25, format!("has {sets} sets of lamps, lamp_set {lamp_set} is not there")));
     }
     let flux_of = |set: usize| {
         let line = HEADER + SET * (set - 1) + 2;
-        within(text, line, &format!("the flux of lamp set {set}"), 1e-6, MOST_QUANTITY)
+        within(text, line, &format!("the flux of lamp set {set}"), 1e-6, MAX_QUANTITY)
     };
     let lamp_flux = flux_of(lamp_set)?;
     let lamps = number(text, HEADER + SET * (lamp_set - 1), "the number of lamps")?;
@@ -119,7 +119,7 @@ pub fn parse(text: &mut Text, lamp_set: usize) -> Result<Sheet, ImportError> {
     let scale = lamp_flux / 1000.0 * conversion;
     let mut intensities = Vec::new();
     for line in first_value..first_value + planes.len() * gamma_count {
-        intensities.push(within(text, line, "an intensity", 0.0, MOST_QUANTITY)? * scale);
+        intensities.push(within(text, line, "an intensity", 0.0, MAX_QUANTITY)? * scale);
     }
     if sets > 1 {
         let what = format!("has lamps of {}; set {lamp_set} is taken (lamp_set chooses)", others.join(", "));

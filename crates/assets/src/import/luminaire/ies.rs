@@ -1,6 +1,6 @@
 //! IES LM-63, editions 1986 to 2019, photometry of type C.
 
-use super::{MOST_ANGLES, MOST_QUANTITY, Sheet, Symmetry, Text};
+use super::{MAX_ANGLES, MAX_QUANTITY, Sheet, Symmetry, Text};
 use crate::import::ImportError;
 
 /// Metres of a foot.
@@ -55,8 +55,8 @@ impl Numbers<'_, '_> {
     }
 }
 
-/// Whether the last of the two factors before the watts is one: the ballast-lamp photometric factor of 1986 and 1991. Later editions
-/// keep it for other uses.
+/// Returns true if the last of the two factors before the watts is one: the ballast-lamp photometric factor of 1986 and
+/// 1991. Later editions keep it for other uses.
 fn has_lamp_factor(first_line: &str) -> bool {
     let edition = first_line.trim().to_ascii_uppercase();
     !edition.starts_with("IES") || edition.starts_with("IESNA91")
@@ -96,17 +96,17 @@ pub fn parse(text: &mut Text) -> Result<Sheet, ImportError> {
     Ok(sheet)
 }
 
-/// What lamps shine less or more for hanging askew.
+/// Tilt factors: light lost or gained when a lamp hangs askew.
 struct Tilt {
     /// Factor of the intensities of a luminaire that hangs as it was measured.
     factor: f64,
-    /// Whether those of other angles differ from it.
+    /// True if the values of other angles differ from it.
     has_others: bool,
 }
 
 fn read_tilt(numbers: &mut Numbers) -> Result<Tilt, ImportError> {
     numbers.count("the position of the lamp (TILT=INCLUDE)", 1, 3)?;
-    let count = numbers.count("the number of tilt angles", 1, MOST_ANGLES)?;
+    let count = numbers.count("the number of tilt angles", 1, MAX_ANGLES)?;
     let mut angles = Vec::new();
     for _ in 0..count {
         angles.push(numbers.within("a tilt angle", -180.0, 180.0)?);
@@ -125,13 +125,13 @@ fn read_table(numbers: &mut Numbers, tilt: f64) -> Result<Sheet, ImportError> {
     let has_lamp_factor = has_lamp_factor(numbers.text.lines[0]);
     let lamps = numbers.within("the number of lamps", 0.0, 1e6)?;
     let lumens = numbers.number("the flux of a lamp")?;
-    if lumens != -1.0 && !(0.0..=MOST_QUANTITY).contains(&lumens) {
+    if lumens != -1.0 && !(0.0..=MAX_QUANTITY).contains(&lumens) {
         let reason = format!("the flux of a lamp is {lumens} lm; give a flux, or -1 for absolute photometry");
         return Err(numbers.text.fault(numbers.line, reason));
     }
     let multiplier = numbers.within("the multiplier of the intensities", 1e-9, 1e9)?;
-    let gamma_count = numbers.count("the number of vertical angles", 2, MOST_ANGLES)?;
-    let plane_count = numbers.count("the number of horizontal angles", 1, MOST_ANGLES)?;
+    let gamma_count = numbers.count("the number of vertical angles", 2, MAX_ANGLES)?;
+    let plane_count = numbers.count("the number of horizontal angles", 1, MAX_ANGLES)?;
     match numbers.count("the type of photometry", 1, 3)? {
         1 => {}
         other => {
@@ -160,7 +160,7 @@ fn read_table(numbers: &mut Numbers, tilt: f64) -> Result<Sheet, ImportError> {
     let scale = multiplier * ballast * tilt * if has_lamp_factor { lamp_factor } else { 1.0 };
     let mut intensities = Vec::new();
     for _ in 0..plane_count * gamma_count {
-        intensities.push(numbers.within("an intensity", 0.0, MOST_QUANTITY)? * scale);
+        intensities.push(numbers.within("an intensity", 0.0, MAX_QUANTITY)? * scale);
     }
     if symmetry == Symmetry::None && planes.len() > 1 && planes[planes.len() - 1] == 360.0 {
         // The first half-plane again.
@@ -171,7 +171,7 @@ fn read_table(numbers: &mut Numbers, tilt: f64) -> Result<Sheet, ImportError> {
     Ok(Sheet { gammas, planes, symmetry, intensities, line, lamp_flux, size })
 }
 
-/// What the first and the last horizontal angle say.
+/// Symmetry implied by the first and the last horizontal angle.
 fn symmetry(numbers: &Numbers, planes: &[f64]) -> Result<Symmetry, ImportError> {
     match (planes[0], planes[planes.len() - 1]) {
         (0.0, 0.0) => Ok(Symmetry::None),

@@ -1,4 +1,4 @@
-//! What stands in rooms and corridors.
+//! Furniture of rooms and corridors.
 
 use glam::{Vec2, Vec3};
 

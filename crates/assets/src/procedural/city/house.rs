@@ -35,11 +35,11 @@ pub struct House {
     pub facade: u32,
     /// Its number.
     pub number: u32,
-    /// How fine.
+    /// Level of detail.
     pub detail: Detail,
 }
 
-/// What a stretch between two grid planes is.
+/// Use of a stretch between two grid planes.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Stretch {
     Outer,

@@ -49,7 +49,7 @@ pub fn marks(b: &mut Builder, m: &Materials, middle: f32, length: f32, upright: 
     }
 }
 
-/// What stands on a lot between and before its houses; returns the trees.
+/// Builds the ground of a lot between and before its houses; returns the trees.
 pub fn lot(b: &mut Builder, m: &Materials, number: u32, at: Vec2, detail: Detail) -> Vec<Tree> {
     let mut dice = Dice::new(number, 2);
     let fine = detail == Detail::High;

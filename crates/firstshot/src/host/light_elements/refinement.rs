@@ -1,5 +1,5 @@
-//! How one side of a triangle is split into light elements, step by step: what it has to know of shadows in a step is asked
-//! together, by whoever traces.
+//! Subdivision of one side of a triangle into light elements, step by step: what it has to know of shadows in a step is
+//! asked together, by whoever traces.
 
 use alloc::vec;
 use alloc::vec::Vec;
@@ -13,7 +13,7 @@ use scene::{Ray, Scene};
 use super::side::{Part, Places, Side, inwards, left, stopped_on_host};
 use super::{LightElement, LightElementSettings, Subdivision, WHOLE};
 
-/// What the light of an element counts for on its dark parts.
+/// Weight of an element's light on its dark parts.
 const AROUND: f32 = 0.25;
 
 /// When elements of a side are split.
@@ -26,8 +26,8 @@ pub(super) struct Rule {
     pub longest: f32,
 }
 
-/// Steps after which nothing is open: the whole triangle takes two, its corners and its middle, and so does each split in a row; one
-/// as printed may ask for two edges more.
+/// Steps after which nothing is open: the whole triangle takes two, its corners and its middle, and so does each split
+/// in a row; one as printed may ask for two edges more.
 pub(super) fn most_steps(settings: &LightElementSettings) -> usize {
     let of_split = if settings.subdivision == Subdivision::Kopylov { 3 } else { 2 };
     2 + of_split * settings.depth as usize
@@ -36,12 +36,12 @@ pub(super) fn most_steps(settings: &LightElementSettings) -> usize {
 /// An element, and those that it was cut into.
 struct Node {
     element: LightElement,
-    /// How often it may be split in a row.
+    /// Number of splits in a row.
     levels: u32,
     children: Range<u32>,
 }
 
-/// What shadow rays are traced for.
+/// Purpose of pending shadow rays.
 enum Pending {
     /// The middle of an element.
     Middle(u32),
@@ -76,7 +76,7 @@ impl<'a> Refinement<'a> {
         Self { side, rule, onward, nodes: Vec::new(), pending: vec![Pending::Cut(whole)], asked: Vec::new() }
     }
 
-    /// Whether nothing is open.
+    /// Returns true if nothing is open.
     pub fn is_done(&self) -> bool {
         self.pending.is_empty()
     }
@@ -137,12 +137,13 @@ impl<'a> Refinement<'a> {
         }
     }
 
-    /// Whether an element is split whose middle has this light, were nothing in the way: where it matters, or is long; as printed only
-    /// where its light is not linear, too.
+    /// Returns true if an element is split whose middle has this light if unoccluded: where it matters, or is long; as
+    /// printed only where its light is not linear, too.
     fn is_cut(&self, node: u32, open: f32) -> bool {
         let Node { element, levels, .. } = &self.nodes[node as usize];
         let Rule { settings, least, longest } = self.rule;
-        // Power that it would reflect for each unit of the light's colour, were it white and nothing in the way of its middle.
+        // Power that it would reflect for each unit of the light's colour, were it white and nothing in the way of its
+        // middle.
         let potential = element.area * open;
         let is_printed = settings.subdivision == Subdivision::Kopylov;
         *levels > 0
@@ -187,8 +188,9 @@ impl<'a> Refinement<'a> {
         leaves
     }
 
-    /// Adds the leaves of an element; whether that is the element as a whole, and its light is linear. One that matters was split
-    /// to look for shadows, or for light, but stays whole where there are none; as printed nothing is joined again.
+    /// Adds the leaves of an element; whether that is the element as a whole, and its light is linear. One that matters
+    /// was split to look for shadows, or for light, but stays whole where there are none; as printed nothing is joined
+    /// again.
     fn add_leaves(&self, node: u32, leaves: &mut Vec<LightElement>) -> bool {
         let Node { element, children, .. } = &self.nodes[node as usize];
         let is_even = element.is_linear(self.rule.settings.tolerance);
@@ -210,8 +212,8 @@ impl<'a> Refinement<'a> {
     }
 }
 
-/// A part of a side, whose middle is to be looked at, with what it has of the one that it is cut from: how often it may be split, light
-/// around, and the share that goes on.
+/// A part of a side, whose middle is to be looked at, with what it has of the one that it is cut from: how often it may
+/// be split, light around, and the share that goes on.
 fn part(side: &Side, (corners, values): Part, (levels, around, onward): (u32, f32, Vec3)) -> Node {
     let share = (corners[1] - corners[0]).perp_dot(corners[2] - corners[0]).abs();
     let (triangle, light, is_back, area) = (side.triangle, side.light, side.is_back(), share * side.area);

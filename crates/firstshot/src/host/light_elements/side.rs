@@ -19,15 +19,14 @@ pub(super) fn inwards(at: Vec2) -> Vec2 {
     at + (Vec2::splat(1.0 / 3.0) - at) * INWARDS
 }
 
-/// What is left of the light at a place, which is `open` were nothing in the way, by what became of the ray that
-/// [`Side::look`] made for it, if it made one.
+/// Light at a place, which is `open` if unoccluded, after the ray that [`Side::look`] may have made for it.
 #[inline]
 pub(super) fn left(open: f32, stopped: &mut impl Iterator<Item = bool>) -> f32 {
     if open > 0.0 && stopped.next() == Some(false) { open } else { 0.0 }
 }
 
-/// Whether each ray is stopped, by the host's own hierarchy, when it is asked for; `last` is what was in the way of the one
-/// before, which is asked first.
+/// Occlusion of each ray, by the host's own hierarchy, when it is asked for; `last` is the occluder of the one before,
+/// which is asked first.
 pub(super) fn stopped_on_host(scene: &Scene, rays: &[Ray], last: &Cell<Occluder>) -> impl Iterator<Item = bool> {
     rays.iter().map(|ray| scene.occluded_again(ray.origin, ray.direction, ray.t_max, last))
 }
@@ -93,8 +92,8 @@ impl<'a> Side<'a> {
         self.scene.tables().normal(self.triangle).dot(self.normal) < 0.0
     }
 
-    /// Where a ray from shares (u, v) starts, and what light there would be, were nothing but the medium in the way: of several
-    /// colours that a medium parts, the luminance.
+    /// Start of a ray from shares (u, v), and the light there if unoccluded, attenuated by the medium alone: luminance,
+    /// where a medium parts colours.
     #[inline]
     pub fn arrival(&self, at: Vec2) -> (Vec3, Arrival) {
         let origin =
@@ -108,8 +107,8 @@ impl<'a> Side<'a> {
         (origin, arrival)
     }
 
-    /// Irradiance over the light's colour at shares (u, v), were nothing but the medium in the way; where there is any, a shadow
-    /// ray is added.
+    /// Irradiance over the light's colour at shares (u, v), were nothing but the medium in the way; where there is any,
+    /// a shadow ray is added.
     #[inline]
     pub fn look(&self, at: Vec2, rays: &mut Vec<Ray>) -> f32 {
         let (origin, arrival) = self.arrival(at);
@@ -136,8 +135,8 @@ impl<'a> Side<'a> {
         (longest, squared[longest] > 1.0001 * (squared[(longest + 1) % 3] + squared[(longest + 2) % 3]))
     }
 
-    /// Where [`Side::split`] has to know the light: in the middle of the longest edge of an obtuse element, else in those of all
-    /// edges; nothing once it does.
+    /// Places where [`Side::split`] needs the light: the middle of the longest edge of an obtuse element, else the
+    /// middles of all edges; nothing once it knows.
     pub fn places(&self, element: &LightElement, known: &[f32]) -> Places {
         let c = element.corners;
         match (known, self.widest_corner(&c)) {
@@ -204,8 +203,9 @@ impl<'a> Side<'a> {
         (0..3).find(|&k| squared[k] > squared[(k + 1) % 3] + squared[(k + 2) % 3])
     }
 
-    /// Where [`Side::split_as_printed`] has to know the light beyond what is `known`: of an obtuse element first in the middle of its
-    /// longest edge, then, where light bends more along both cuts than in the middle, in those of the other two.
+    /// Places where [`Side::split_as_printed`] needs the light beyond what is `known`: of an obtuse element first the
+    /// middle of its longest edge, then, where light bends more along both cuts than in the middle, those of the other
+    /// two.
     pub fn places_as_printed(&self, element: &LightElement, known: &[f32]) -> Places {
         let (c, v) = (element.corners, element.values);
         let Some(a) = self.obtuse_corner(&c) else { return Places::default() };

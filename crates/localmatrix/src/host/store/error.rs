@@ -1,4 +1,4 @@
-//! What can be wrong with bakes.
+//! Errors of bakes.
 
 use alloc::string::String;
 use alloc::vec::Vec;
@@ -11,7 +11,7 @@ pub enum BakeError {
     File {
         /// The file.
         path: String,
-        /// What the system says.
+        /// Message of the operating system.
         reason: String,
     },
     /// Another kind of file.
@@ -39,11 +39,11 @@ pub enum BakeError {
     Damaged {
         /// The file.
         path: String,
-        /// What of it.
+        /// The part concerned.
         part: &'static str,
-        /// Where it begins.
+        /// Offset of its beginning.
         offset: u64,
-        /// What is wrong.
+        /// Description of the fault.
         reason: String,
     },
     /// A block was changed or cut; the others are good.
@@ -55,17 +55,17 @@ pub enum BakeError {
         path: String,
         /// Its number.
         block: u32,
-        /// Where it begins.
+        /// Offset of its beginning.
         offset: u64,
-        /// What is wrong.
+        /// Description of the fault.
         reason: String,
     },
-    /// What was begun under this name is something else.
+    /// Something else was begun under this name.
     #[error("{path} holds the beginning of another bake ({reason}); remove it, or choose another name")]
     OtherBeginning {
         /// The file.
         path: String,
-        /// What differs.
+        /// The difference.
         reason: String,
     },
     /// A part where a whole bake is needed, or the other way round.
@@ -73,9 +73,9 @@ pub enum BakeError {
     Kind {
         /// The file.
         path: String,
-        /// What it is.
+        /// Value found.
         found: String,
-        /// What is needed.
+        /// Expected value.
         expected: &'static str,
     },
     /// A part that does not belong to the first one.
@@ -83,7 +83,7 @@ pub enum BakeError {
     OtherPart {
         /// The part.
         path: String,
-        /// What differs: another scene, other settings.
+        /// The difference: another scene, other settings.
         what: &'static str,
         /// The first part.
         first: String,
@@ -93,7 +93,7 @@ pub enum BakeError {
     DoubledPart {
         /// The part.
         path: String,
-        /// The same one.
+        /// First of the equal ones.
         first: String,
         /// Its number.
         part: u32,
@@ -109,11 +109,11 @@ pub enum BakeError {
     /// More than can be counted, or tables that do not fit together.
     #[error("{name} is {found}; it must be {rule}")]
     Setting {
-        /// What.
+        /// Name of the value.
         name: &'static str,
         /// The value.
         found: u64,
-        /// What it must be.
+        /// Rule that it breaks.
         rule: &'static str,
     },
 }

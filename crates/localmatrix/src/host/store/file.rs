@@ -16,13 +16,13 @@ use crate::host::world::Node;
 pub struct BakeFile {
     pub(super) path: PathBuf,
     pub(super) source: Box<dyn Source>,
-    /// What it is of.
+    /// World of the bake.
     pub head: WorldHead,
     /// Text of the settings.
     pub text: String,
     /// All nodes, leaves first.
     pub nodes: Vec<Node>,
-    /// What else the program keeps.
+    /// Further data of the program.
     pub extra: Vec<u8>,
     /// Sky factor of each node; empty where the tail is lost, and in parts.
     pub sky: Vec<f32>,
@@ -51,10 +51,10 @@ pub(super) fn block_at(source: &dyn Source, offset: u64, number: u32) -> Option<
     let own = reader.word().ok()?;
     let _ = (reader.word().ok()?, reader.word().ok()?);
     let length = reader.word().ok()?;
-    (magic && own == number && length <= MOST_BLOCK).then_some((offset, BLOCK_HEADER as u32 + length))
+    (magic && own == number && length <= MAX_BLOCK).then_some((offset, BLOCK_HEADER as u32 + length))
 }
 
-/// Whether a file begins as a bake does, whatever follows.
+/// Returns true if a file begins as a bake does, whatever follows.
 ///
 /// # Errors
 /// [`BakeError::File`] for one that cannot be read.
@@ -114,7 +114,7 @@ impl BakeFile {
         Ok(file)
     }
 
-    /// Where the blocks are, by the tail; false when it is lost.
+    /// Reads the table of blocks at the tail; false when it is lost.
     fn read_tail(&mut self, size: u64) -> bool {
         let blocks = self.head.blocks() as usize;
         let length = (blocks * TABLE_ENTRY + 4 * self.head.nodes as usize) as u64;
@@ -137,7 +137,7 @@ impl BakeFile {
         self.sky.iter().all(|&sky| is_share(sky))
     }
 
-    /// Where the blocks are, one after the other; those behind a gap are lost.
+    /// Finds blocks one after the other; those behind a gap are lost.
     fn find_blocks(&mut self) {
         self.blocks.clear();
         self.sky.clear();
@@ -154,7 +154,7 @@ impl BakeFile {
         }
     }
 
-    /// Where a block is.
+    /// Offset and length of a block.
     ///
     /// # Errors
     /// [`BakeError::Block`] for one that is lost.
@@ -190,8 +190,8 @@ impl BakeFile {
         BakeError::Block { path: self.path.display().to_string(), block, offset, reason }
     }
 
-    /// What is known to be lost: blocks, and the table at the end of a whole bake, without which no light of the sky comes to
-    /// what is merged.
+    /// Known losses: blocks, and the table at the end of a whole bake, without which no light of the sky comes to
+    /// merged patches.
     pub fn lost(&self) -> impl Iterator<Item = BakeError> {
         let has_tail = self.head.part.is_some() || self.sky.len() == self.nodes.len();
         let tail = (!has_tail).then(|| BakeError::Damaged {

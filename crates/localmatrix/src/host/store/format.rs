@@ -1,4 +1,4 @@
-//! What the bytes of a bake mean.
+//! Byte format of a bake.
 
 use std::string::{String, ToString};
 use std::vec::Vec;
@@ -21,20 +21,20 @@ const ROW: usize = 20;
 const ENTRY: usize = 6;
 const POINT: usize = 24;
 /// Most bytes of a block: what is longer was altered.
-pub(super) const MOST_BLOCK: u32 = 1 << 28;
+pub(super) const MAX_BLOCK: u32 = 1 << 28;
 /// Most nodes: their numbers, and one for none.
-const MOST_NODES: u32 = 1 << 28;
+const MAX_NODES: u32 = 1 << 28;
 
 /// A part of a bake: number from 1, and how many there are.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Part {
     /// Its number, from 1.
     pub number: u32,
-    /// How many there are.
+    /// Number of all.
     pub of: u32,
 }
 
-/// What a bake is of.
+/// Identity of a baked world.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct WorldHead {
     /// The part, or nothing for a whole bake.
@@ -71,7 +71,7 @@ pub struct Record {
     pub lost: f32,
     /// Other nodes, rising, and the share of the node's light that arrives there.
     pub factors: Vec<(u32, f32)>,
-    /// Where direct light is measured.
+    /// Points where direct light is measured.
     pub points: Vec<LitPoint>,
 }
 
@@ -107,7 +107,7 @@ impl WorldHead {
 
     pub(super) fn check(&self) -> Result<(), BakeError> {
         let fault = |name, found: u32, rule| Err(BakeError::Setting { name, found: u64::from(found), rule });
-        if self.nodes == 0 || self.nodes > MOST_NODES {
+        if self.nodes == 0 || self.nodes > MAX_NODES {
             return fault("number of nodes", self.nodes, "1 to 2^28");
         }
         if self.leaves == 0 || self.leaves > self.nodes {
@@ -240,8 +240,8 @@ pub(super) fn decode_world(head: &WorldHead, bytes: &[u8]) -> Result<(String, Ve
 }
 
 fn check_node(head: &WorldHead, number: u32, n: &Node) -> Result<(), &'static str> {
-    let has_place = is_place(n.centre) && is_place(n.normal) && (0.0..=MOST_COORDINATE).contains(&n.radius);
-    if !(has_place && n.area > 0.0 && n.area <= MOST_AREA) {
+    let has_place = is_place(n.centre) && is_place(n.normal) && (0.0..=MAX_COORDINATE).contains(&n.radius);
+    if !(has_place && n.area > 0.0 && n.area <= MAX_AREA) {
         return Err("it has no place or no area");
     }
     if !(n.albedo.min_element() >= 0.0 && n.albedo.max_element() < 1.0) {
@@ -277,7 +277,7 @@ pub(super) fn encode_header(head: &WorldHead, world: (u64, u32)) -> [u8; HEADER]
     header
 }
 
-/// What a header says: the world's head, length and checksum.
+/// Decodes a header: the world's head, length and checksum.
 pub(super) fn decode_header(path: &str, bytes: &[u8]) -> Result<(WorldHead, (u64, u32)), BakeError> {
     let damaged = |reason: &str| BakeError::Damaged {
         path: path.to_string(),
@@ -398,18 +398,18 @@ pub(super) fn check_block(number: u32, range: std::ops::Range<u32>, bytes: &[u8]
 }
 
 /// Greatest coordinate of a point, m, and area of a node, m².
-const MOST_COORDINATE: f32 = 1e9;
-const MOST_AREA: f32 = 1e18;
+const MAX_COORDINATE: f32 = 1e9;
+const MAX_AREA: f32 = 1e18;
 /// Greatest share of a row's hemisphere: one, and what rounding adds.
-const MOST_SHARE: f32 = 1.01;
+const MAX_SHARE: f32 = 1.01;
 
-/// Whether a number is a share of a hemisphere.
+/// Returns true if a number is a share of a hemisphere.
 pub(super) fn is_share(x: f32) -> bool {
-    (0.0..=MOST_SHARE).contains(&x)
+    (0.0..=MAX_SHARE).contains(&x)
 }
 
 fn is_place(p: Vec3) -> bool {
-    p.abs().max_element() <= MOST_COORDINATE && p.is_finite()
+    p.abs().max_element() <= MAX_COORDINATE && p.is_finite()
 }
 
 /// A row of a checked block; the reason where its numbers cannot be.

@@ -9,7 +9,7 @@ use std::path::Path;
 
 use memmap2::MmapOptions;
 
-/// Where the bytes of a bake come from.
+/// Source of a bake's bytes.
 pub trait Source: Send + Debug {
     /// Bytes that there are now.
     ///
@@ -17,7 +17,7 @@ pub trait Source: Send + Debug {
     /// The system's.
     fn len(&self) -> std::io::Result<u64>;
 
-    /// Whether there are none.
+    /// Returns true if there are none.
     ///
     /// # Errors
     /// The system's.
@@ -31,7 +31,7 @@ pub trait Source: Send + Debug {
     /// `UnexpectedEof` when there are fewer; the system's.
     fn with(&self, offset: u64, length: usize, use_bytes: &mut dyn FnMut(&[u8])) -> std::io::Result<()>;
 
-    /// The same bytes once more, for another thread.
+    /// Another reader of the bytes, for another thread.
     ///
     /// # Errors
     /// The system's.
@@ -53,7 +53,7 @@ impl Mapped {
         Ok(Self { file: scene::host::open_regular(path)? })
     }
 
-    /// What can be read of an open file.
+    /// Reads the readable part of an open file.
     pub fn of(file: File) -> Self {
         Self { file }
     }
@@ -74,9 +74,9 @@ impl Source for Mapped {
             use_bytes(&[]);
             return Ok(());
         }
-        // SAFETY: The map is read only, lies within the file as it is now, and lives for this call, in which its bytes are copied,
-        // summed or decoded. Who shortens the file in that instant ends this process by a signal; who writes into it spoils a block,
-        // which its checksum tells.
+        // SAFETY: The map is read only, lies within the file as it is now, and lives for this call, in which its bytes
+        // are copied, summed or decoded. Who shortens the file in that instant ends this process by a signal; who
+        // writes into it spoils a block, which its checksum tells.
         let map = unsafe { MmapOptions::new().offset(offset).len(length).map(&self.file)? };
         use_bytes(&map);
         Ok(())

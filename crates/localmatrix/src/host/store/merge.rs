@@ -11,8 +11,8 @@ use super::format::{LitPoint, Part, Record, WorldHead, block_range};
 use super::write::BakeWriter;
 use crate::host::world::{NO_NODE, Node};
 
-/// The row of a node from those of its children: their mean by area, `F_P = Σ a_c F_c / Σ a_c` [T 5.2], its columns the parents of
-/// theirs, with at most `most_points` of their points, each child's by its area.
+/// The row of a node from those of its children: their mean by area, `F_P = Σ a_c F_c / Σ a_c` [T 5.2], its columns the
+/// parents of theirs, with at most `most_points` of their points, each child's by its area.
 pub fn parent_record(nodes: &[Node], parent: u32, children: &[Record], most_points: usize) -> Record {
     let node = &nodes[parent as usize];
     let own = node.first_child as usize..(node.first_child + node.children) as usize;
@@ -48,12 +48,12 @@ pub fn parent_record(nodes: &[Node], parent: u32, children: &[Record], most_poin
     Record { sky: sky as f32, lost: lost as f32, factors, points }
 }
 
-/// Begins the whole bake of parts: all their blocks are in it, and only those of parents are missing. `progress(done, all)` is
-/// called after each block.
+/// Begins the whole bake of parts: all their blocks are in it, and only those of parents are missing. `progress(done,
+/// all)` is called after each block.
 ///
 /// # Errors
-/// [`BakeError::Kind`], [`BakeError::OtherPart`], [`BakeError::DoubledPart`], [`BakeError::MissingParts`], and what is wrong with
-/// a part's blocks.
+/// [`BakeError::Kind`], [`BakeError::OtherPart`], [`BakeError::DoubledPart`], [`BakeError::MissingParts`], and what is
+/// wrong with a part's blocks.
 pub fn join(path: &Path, parts: &[BakeFile], progress: &mut dyn FnMut(u32, u32)) -> Result<BakeWriter, BakeError> {
     let mut by_number: BTreeMap<u32, &BakeFile> = BTreeMap::new();
     let name = |file: &BakeFile| file.path().display().to_string();
@@ -100,8 +100,8 @@ pub fn join(path: &Path, parts: &[BakeFile], progress: &mut dyn FnMut(u32, u32))
 }
 
 impl BakeWriter {
-    /// Makes the rows of parents, once those of the leaves are there. `proceed(done, all)` is asked after each block; when it says
-    /// no, what is there stays for another time.
+    /// Makes the rows of parents, once those of the leaves are there. `proceed(done, all)` is asked after each block;
+    /// when it says no, what is there stays for another time.
     ///
     /// # Errors
     /// As [`BakeWriter::push`]; whether all were made.

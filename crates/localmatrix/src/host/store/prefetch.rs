@@ -53,7 +53,7 @@ impl Shared {
     }
 }
 
-/// What a [`Store`] holds and waits for.
+/// Contents and pending requests of a [`Store`].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct StoreState {
     /// Blocks in the cache.
@@ -140,7 +140,7 @@ impl Store {
         Ok(Some(record))
     }
 
-    /// What it holds and waits for.
+    /// Contents and pending requests.
     pub fn state(&self) -> StoreState {
         let cache = self.shared.lock();
         StoreState {

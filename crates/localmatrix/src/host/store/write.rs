@@ -21,7 +21,7 @@ pub struct BakeWriter {
     mapped: Mapped,
     head: WorldHead,
     nodes: Vec<Node>,
-    /// What else the program keeps.
+    /// Further data of the program.
     extra: Vec<u8>,
     /// Offset, length and checksum of the blocks that are there.
     blocks: Vec<(u64, u32, u32)>,
@@ -29,7 +29,7 @@ pub struct BakeWriter {
     sky: Vec<f32>,
 }
 
-/// Where a bake lies until it is whole: `PATH.beginning`.
+/// Path of a bake until it is whole: `PATH.beginning`.
 pub fn beginning_of(path: &Path) -> PathBuf {
     let mut name = path.file_name().unwrap_or_default().to_os_string();
     name.push(".beginning");
@@ -151,7 +151,7 @@ impl BakeWriter {
         self.sky.extend(starts.iter().map(sky));
     }
 
-    /// What is baked.
+    /// Identity of the baked world.
     pub fn head(&self) -> &WorldHead {
         &self.head
     }
@@ -161,7 +161,7 @@ impl BakeWriter {
         &self.nodes
     }
 
-    /// What else the program keeps.
+    /// Further data of the program.
     pub fn extra(&self) -> &[u8] {
         &self.extra
     }

@@ -28,16 +28,16 @@ const BRIGHTEN_LIMIT: f32 = 2.0;
 const EDGE: usize = BLOCK as usize;
 
 impl BlockMatrix {
-    /// Brings a matrix with entries ≥ 0 into blocks. `rows(i, row)` gives row i, columns in the order of the patches; it is
-    /// called three times for each row. `order` says which rows and columns lie beside each other. The same for any number
-    /// of threads.
+    /// Brings a matrix with entries ≥ 0 into blocks. `rows(i, row)` gives row i, columns in the order of the patches;
+    /// it is called three times for each row. `order` says which rows and columns lie beside each other. The same for
+    /// any number of threads.
     ///
     /// `progress(tile rows done, of all)` may stop the work.
     ///
     /// # Errors
-    /// [`transport::Error::Setting`] for settings out of range, [`transport::Error::Length`] for an order of another length,
-    /// [`transport::Error::TooMany`] beyond 65,536 rows, [`transport::Error::Value`] for an entry that is no number ≥ 0, and
-    /// [`transport::Error::Cancelled`].
+    /// [`transport::Error::Setting`] for settings out of range, [`transport::Error::Length`] for an order of another
+    /// length, [`transport::Error::TooMany`] beyond 65,536 rows, [`transport::Error::Value`] for an entry that is no
+    /// number ≥ 0, and [`transport::Error::Cancelled`].
     pub fn encode(
         n: usize,
         rows: &MatrixRows,
@@ -202,7 +202,7 @@ struct Source<'a> {
     norm: f32,
     /// Entries above it, after that factor, are outliers.
     threshold: f32,
-    /// What stands in the place of outliers.
+    /// Block values in the place of outliers.
     filling: Filling,
 }
 
@@ -210,7 +210,7 @@ struct Source<'a> {
 struct TileRow {
     words: Vec<u32>,
     scales: Vec<Vec4>,
-    /// Of each row its outliers and the factor that gives it its sum back.
+    /// Outliers of each row, and the factor that restores its sum.
     rows: Vec<(u32, Vec3)>,
     outliers: Vec<UVec2>,
     error: f64,
@@ -273,8 +273,8 @@ impl Source<'_> {
         values
     }
 
-    /// The values with the mean of their block in place of outliers and of what lies beyond the matrix, so that these bend
-    /// no palette, or zeros there; and the greatest that is left of each tile.
+    /// The values with the mean of their block in place of outliers and of what lies beyond the matrix, so that these
+    /// bend no palette, or zeros there; and the greatest that is left of each tile.
     fn fill(&self, values: &[Vec3], rows: usize, width: usize, tile: usize) -> (Vec<Vec3>, Vec<Vec4>) {
         let mut filled = values.to_vec();
         let mut scales = vec![Vec4::ZERO; self.n.div_ceil(tile)];
@@ -340,8 +340,8 @@ fn relative(value: Vec3, scale: Vec4) -> Vec3 {
 
 /// Blocks of a strip of four rows of texels in [0, 1].
 ///
-/// Slower settings of the encoders gain little: at 2,000 clusters of Sponza, BC7 `very_fast` has 1.05 and BC6H `fast` 1.02
-/// times the squared error of the settings that take 1.6 and 2 times as long.
+/// Slower settings of the encoders gain little: at 2,000 clusters of Sponza, BC7 `very_fast` has 1.05 and BC6H `fast`
+/// 1.02 times the squared error of the settings that take 1.6 and 2 times as long.
 fn compress(codec: BlockCodec, texels: &[Vec3], width: usize) -> Vec<u32> {
     let (variant, w) = match codec {
         BlockCodec::Bc1 => (CompressionVariant::BC1, width as u32),

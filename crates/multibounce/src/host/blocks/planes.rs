@@ -77,8 +77,8 @@ fn weights(words: UVec4, start: u32, n: u32, anchors: [u32; 3]) -> [u32; TEXELS]
     indices(with_anchors(bits_from(words, start), n, anchors), n).map(|k| table[k as usize & 15])
 }
 
-/// Numbers between the ends of each texel's subset, `(a (64 − w) + b w + 32) / 64`; `ends` are those of subset 0, 1 and 2,
-/// `subset` has two bits a texel.
+/// Numbers between the ends of each texel's subset, `(a (64 − w) + b w + 32) / 64`; `ends` are those of subset 0, 1 and
+/// 2, `subset` has two bits a texel.
 #[inline(always)]
 fn mix(ends: [(u32, u32); 3], subset: u32, weights: &[u32; TEXELS]) -> [u32; TEXELS] {
     let mut out = [0; TEXELS];

@@ -40,7 +40,7 @@ impl Counts {
         Self { counts: vec![0; 1 << 16], largest: 0.0, wrong: None }
     }
 
-    /// Of the magnitudes of rows; `key` says which count a magnitude's bits belong to.
+    /// Counts magnitudes of rows; `key` says which count a magnitude's bits belong to.
     fn of(n: usize, rows: &MatrixRows, key: impl Fn(u32) -> Option<u32> + Sync) -> Self {
         let one_task = |mut sums: Self, task: usize| {
             let mut row = vec![Vec3::ZERO; n];
@@ -93,8 +93,8 @@ fn first(a: Option<(usize, f32)>, b: (usize, f32)) -> (usize, f32) {
     }
 }
 
-/// Finds the threshold in two passes over the rows: by the upper, then by the lower half of the bits, which order numbers
-/// ≥ 0 as their values do. Nothing is sorted, and no more than 1 MB a thread is held.
+/// Finds the threshold in two passes over the rows: by the upper, then by the lower half of the bits, which order
+/// numbers ≥ 0 as their values do. Nothing is sorted, and no more than 1 MB a thread is held.
 ///
 /// # Errors
 /// [`transport::Error::Value`] names the first entry that is negative or no number.

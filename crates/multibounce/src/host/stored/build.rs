@@ -11,15 +11,15 @@ use transport::{Proceed, check_length};
 use super::panel::{LANES, Ordered};
 use super::{BlockFile, StoredOperator, Workspace};
 use crate::error::Error;
-use crate::host::solve::{FLOOR, Factors, LEAST_ALBEDO, check_albedo};
+use crate::host::solve::{FLOOR, Factors, MIN_ALBEDO, check_albedo};
 use crate::host::tiles::{SIDE, permuted_indices};
 
 /// Greatest edge of the blocks of a factor: larger ones make products no faster.
-const MOST_EDGE: usize = 1024;
+const MAX_EDGE: usize = 1024;
 /// Blocks that a factorisation holds beside its panel: two that it multiplies, and two while one is factorised.
 const BLOCKS: usize = 4;
 
-/// How much is held at a time.
+/// Sizes of what is held at a time.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Sizes {
     /// Edge of the factor's blocks, whole tiles; 0 where there is no factor.
@@ -41,7 +41,7 @@ impl Sizes {
             let numbers = rows * width.max(edge) + BLOCKS * edge * edge + lanes;
             Self { edge, rows, width, bytes: (numbers * size_of::<f32>()) as u64 }
         };
-        let most = n.next_multiple_of(SIDE).clamp(SIDE, MOST_EDGE);
+        let most = n.next_multiple_of(SIDE).clamp(SIDE, MAX_EDGE);
         let mut edge = if has_factor { most } else { 0 };
         while edge > SIDE && of(edge, edge).bytes > workspace.bytes {
             edge = (edge / 2).next_multiple_of(SIDE);
@@ -58,9 +58,9 @@ impl Sizes {
     }
 }
 
-/// So many bounces of one colour channel as a file: [`crate::some_bounces`] of the symmetric form factors, some columns at a time,
-/// with sparse products; `order` is that of the tiles. Memory: the sparse form factors twice, and what `workspace` allows, of which
-/// more makes nothing faster. `progress(done, total)` counts panels; breaking it cancels.
+/// So many bounces of one colour channel as a file: [`crate::some_bounces`] of the symmetric form factors, some columns
+/// at a time, with sparse products; `order` is that of the tiles. Memory: the sparse form factors twice, and what
+/// `workspace` allows, of which more makes nothing faster. `progress(done, total)` counts panels; breaking it cancels.
 ///
 /// # Errors
 /// As [`crate::some_bounces`]; [`Error::Memory`] where the least panel does not fit, [`Error::File`].
@@ -90,14 +90,14 @@ pub fn some_bounces_stored(
     Ok(out)
 }
 
-/// All bounces of one colour channel as a file, some columns at a time: with `P = diag(ρ^½)`, `L Lᵀ = I − P Ŝ P` is factorised
-/// by blocks (from the left) into a second file of 2 n² bytes, and `P T̂ = (I − P Ŝ P)⁻¹ P Ŝ` solved for the columns of a panel;
-/// where ρ is almost 0, rows are `T̂ = Ŝ + Ŝ P (P T̂)`. Operations: about 7/3 n³, and n³ of [`crate::all_bounces`]. `order` is
-/// that of the tiles.
+/// All bounces of one colour channel as a file, some columns at a time: with `P = diag(ρ^½)`, `L Lᵀ = I − P Ŝ P` is
+/// factorised by blocks (from the left) into a second file of 2 n² bytes, and `P T̂ = (I − P Ŝ P)⁻¹ P Ŝ` solved for the
+/// columns of a panel; where ρ is almost 0, rows are `T̂ = Ŝ + Ŝ P (P T̂)`. Operations: about 7/3 n³, and n³ of
+/// [`crate::all_bounces`]. `order` is that of the tiles.
 ///
-/// Memory: the sparse form factors twice, and what `workspace` allows: a panel of n rows, four blocks, and some columns for each
-/// thread. Wide panels read the factor less often: it is read twice for each. `progress(done, total)` counts products of blocks;
-/// breaking it cancels.
+/// Memory: the sparse form factors twice, and what `workspace` allows: a panel of n rows, four blocks, and some columns
+/// for each thread. Wide panels read the factor less often: it is read twice for each. `progress(done, total)` counts
+/// products of blocks; breaking it cancels.
 ///
 /// # Errors
 /// As [`crate::all_bounces`]; [`Error::Memory`] where the least panel does not fit, [`Error::File`].
@@ -120,7 +120,7 @@ pub fn all_bounces_stored(
     };
     let mut sqrt_albedo: Vec<f32> = albedo.iter().map(|&a| scene::math::sqrt(a)).collect();
     sqrt_albedo.resize(sizes.rows, 0.0);
-    let is_dark: Vec<bool> = albedo.iter().map(|&a| a < LEAST_ALBEDO).collect();
+    let is_dark: Vec<bool> = albedo.iter().map(|&a| a < MIN_ALBEDO).collect();
     let mut panel = vec![0.0; sizes.rows * sizes.width.max(sizes.edge)];
     let block = || vec![0.0; sizes.edge * sizes.edge];
     let mut two = [block(), block()];
@@ -142,7 +142,7 @@ pub fn all_bounces_stored(
     Ok(out)
 }
 
-/// What both begin with: form factors, reflectances and the file by permuted indices.
+/// Common beginning of both: form factors, reflectances and the file by permuted indices.
 fn begin(
     factors: &Factors,
     albedo: &[f32],

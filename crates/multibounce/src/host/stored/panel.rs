@@ -57,8 +57,8 @@ impl Ordered {
         (0..count).for_each(&mut add);
     }
 
-    /// Makes columns of so many bounces of them, `T_1 = Ŝ`, `T_{k+1} = Ŝ + Ŝ ρ T_k`: `columns` has so many rows a column, the
-    /// first is column `first`.
+    /// Makes columns of so many bounces of them, `T_1 = Ŝ`, `T_{k+1} = Ŝ + Ŝ ρ T_k`: `columns` has so many rows a
+    /// column, the first is column `first`.
     pub fn bounces(&self, albedo: &[f32], bounces: u32, first: usize, columns: &mut [f32], rows: usize) {
         let n = self.len();
         let workspace = || [vec![[0.0; LANES]; n], vec![[0.0; LANES]; n]];
@@ -80,8 +80,8 @@ impl Ordered {
         );
     }
 
-    /// Makes columns of T̂ of columns `Y = P T̂`, P = diag(`sqrt_albedo`): by division where `is_dark` is not, and there by
-    /// `T̂ = Ŝ + Ŝ P Y`.
+    /// Makes columns of T̂ of columns `Y = P T̂`, P = diag(`sqrt_albedo`): by division where `is_dark` is not, and
+    /// there by `T̂ = Ŝ + Ŝ P Y`.
     pub fn unscale(&self, sqrt_albedo: &[f32], is_dark: &[bool], first: usize, columns: &mut [f32], rows: usize) {
         let n = self.len();
         let dark: Vec<usize> = (0..n).filter(|&i| is_dark[i]).collect();

@@ -11,12 +11,12 @@ use crate::error::Error;
 use crate::kernel::tiles::{CHANNEL_WORDS, LIGHT_WORDS, PAIRS, PAIRS_AT, PARTS, PERMUTED_INDICES, SUB_BLOCK_WORDS};
 use crate::types::SubBlock;
 
-/// What [`dense_sparse_all`] reads beside the light.
+/// Inputs of [`dense_sparse_all`] beside the light.
 #[derive(Clone, Copy, Debug)]
 pub struct DenseSparseTables<'a> {
     /// Dense sub-blocks of each [`crate::kernel::tiles::LANES`] rows.
     pub sub_block_start: &'a [u32],
-    /// Where they are, and their steps.
+    /// Positions and quantisation steps.
     pub sub_blocks: &'a [SubBlock],
     /// Their elements.
     pub sub_block_words: &'a [u32],
@@ -29,7 +29,7 @@ pub struct DenseSparseTables<'a> {
 }
 
 impl DenseSparseTables<'_> {
-    /// Of sub-blocks, of the sparse residual.
+    /// Bytes of sub-blocks, and of the sparse residual.
     pub(super) fn bytes(&self) -> [usize; 2] {
         [
             size_of_val(self.sub_block_start) + size_of_val(self.sub_blocks) + size_of_val(self.sub_block_words),
@@ -37,7 +37,7 @@ impl DenseSparseTables<'_> {
         ]
     }
 
-    /// Whether the tables of so many blocks of rows belong together, and name columns of so many blocks.
+    /// Checks that the tables of so many blocks of rows belong together, and name columns of so many blocks.
     pub(super) fn check(&self, blocks: usize, columns: usize) -> Result<(), Error> {
         check_length("sub_block_start", blocks * PARTS as usize + 1, self.sub_block_start.len())?;
         check_length("sub_block_words", self.sub_blocks.len() * SUB_BLOCK_WORDS as usize, self.sub_block_words.len())?;

@@ -10,7 +10,7 @@ use transport::{Proceed, check_length, check_setting};
 use super::reduce::{DenseSubBlock, EDGE, Part, SIDE, Term};
 use super::symmetric::SymmetricTiles;
 use super::{
-    ColumnVectors, LowRank, MOST_TILE_PATCHES, MOST_TILE_RECEIVERS, TileReport, TileSide, TileSource, permuted_indices,
+    ColumnVectors, LowRank, MAX_TILE_PATCHES, MAX_TILE_RECEIVERS, TileReport, TileSide, TileSource, permuted_indices,
     rectangular,
 };
 use crate::error::Error;
@@ -20,7 +20,7 @@ use crate::types::{PackedGroup, SubBlock};
 /// The error is at least this share of what was asked for, when it can be.
 const CLOSE: f64 = 0.85;
 /// Times that λ is corrected.
-const MOST_ROUNDS: usize = 24;
+const MAX_ROUNDS: usize = 24;
 
 /// Receives how many tiles are done, and says whether to go on.
 pub(super) type Progress<'a> = dyn Fn(usize, usize) -> Proceed + Sync + 'a;
@@ -30,20 +30,20 @@ pub(super) trait Encoder {
     /// λ to begin with.
     fn first_lambda(&self, epsilon: f64) -> Result<f32, Error>;
 
-    /// Whether λ is first looked for with a part of the tiles.
+    /// Returns true if λ is first looked for with a part of the tiles.
     fn has_sample(&self) -> bool;
 
     /// Relative error of that part.
     fn sample_error(&self, lambda: f32, progress: &Progress) -> Result<f64, Error>;
 
-    /// Whether trying again takes long.
+    /// Returns true if trying again takes long.
     fn is_large(&self) -> bool;
 
     /// All tiles.
     fn encode(&self, lambda: f32, progress: &Progress) -> Result<Encoded, Error>;
 }
 
-/// What tiles became.
+/// Encoded tiles.
 pub(super) struct Encoded {
     /// Row and column of blocks of each tile.
     pub at: Vec<(usize, usize)>,
@@ -56,14 +56,14 @@ pub(super) struct Encoded {
     pub worst: f64,
 }
 
-/// Finds λ so that the whole has the error that was asked for: from a part of the tiles first, then from all of them, each
-/// time a little less when it was too much.
+/// Finds λ so that the whole has the error that was asked for: from a part of the tiles first, then from all of them,
+/// each time a little less when it was too much.
 fn search(encoder: &impl Encoder, epsilon: f64, progress: &Progress) -> Result<Encoded, Error> {
     let mut lambda = encoder.first_lambda(epsilon)?;
     // In the logarithm the error is about half of λ; what is known of both sides bounds the next try.
     let (mut low, mut high) = (0.0f32, f32::INFINITY);
     if encoder.has_sample() {
-        for _ in 0..MOST_ROUNDS {
+        for _ in 0..MAX_ROUNDS {
             let error = encoder.sample_error(lambda, progress)?;
             if (CLOSE * epsilon..=epsilon).contains(&error) {
                 break;
@@ -73,7 +73,7 @@ fn search(encoder: &impl Encoder, epsilon: f64, progress: &Progress) -> Result<E
         (low, high) = (0.0, f32::INFINITY);
     }
     let mut best = None;
-    for round in 0..MOST_ROUNDS {
+    for round in 0..MAX_ROUNDS {
         let made = encoder.encode(lambda, progress)?;
         let error = made.worst;
         let good = error <= epsilon;
@@ -93,17 +93,18 @@ fn search(encoder: &impl Encoder, epsilon: f64, progress: &Progress) -> Result<E
 impl LowRank {
     /// Tiles of an operator with a relative Frobenius error of at most `epsilon`, in every channel.
     ///
-    /// Rows that are asked for are so block by block, more than once and on all cores: they need not be in memory as a matrix.
-    /// `progress(done, total)` counts tiles, or blocks of rows, of the last pass; breaking it cancels.
+    /// Rows that are asked for are so block by block, more than once and on all cores: they need not be in memory as a
+    /// matrix. `progress(done, total)` counts tiles, or blocks of rows, of the last pass; breaking it cancels.
     ///
     /// # Errors
-    /// [`transport::Error::Length`] for matrices or orders of another size, [`transport::Error::Setting`] for an ε that is not
-    /// in 10⁻⁶..1, [`transport::Error::Value`] for an order that is none, an area that is not positive, a column or a value that
-    /// is none, [`transport::Error::TooMany`] rows or columns, [`transport::Error::Cancelled`], [`Error::File`].
+    /// [`transport::Error::Length`] for matrices or orders of another size, [`transport::Error::Setting`] for an ε that
+    /// is not in 10⁻⁶..1, [`transport::Error::Value`] for an order that is none, an area that is not positive, a column
+    /// or a value that is none, [`transport::Error::TooMany`] rows or columns, [`transport::Error::Cancelled`],
+    /// [`Error::File`].
     pub fn encode(source: TileSource, epsilon: f64, progress: &Progress) -> Result<Self, Error> {
         match source {
             TileSource::Symmetric { channels, patches } => {
-                check_count("patches", patches.area.len(), MOST_TILE_PATCHES)?;
+                check_count("patches", patches.area.len(), MAX_TILE_PATCHES)?;
                 check_epsilon(epsilon)?;
                 let permuted_index = checked_indices(patches)?;
                 let tiles = SymmetricTiles::new(channels, patches, &permuted_index)?;
@@ -120,8 +121,8 @@ impl LowRank {
                 Ok(tables.assemble(made))
             }
             TileSource::Rows { rows, receivers, patches } => {
-                check_count("patches", patches.area.len(), MOST_TILE_PATCHES)?;
-                check_count("receivers", receivers.area.len(), MOST_TILE_RECEIVERS)?;
+                check_count("patches", patches.area.len(), MAX_TILE_PATCHES)?;
+                check_count("receivers", receivers.area.len(), MAX_TILE_RECEIVERS)?;
                 check_epsilon(epsilon)?;
                 let permuted_index = checked_indices(receivers)?;
                 let column_index = checked_indices(patches)?;
@@ -260,7 +261,7 @@ pub(super) fn sqrt_areas_of(side: TileSide) -> Vec<f32> {
 struct Vector {
     /// The channels that it is for, and whether elements are short.
     pub alike: (u32, bool),
-    /// Whether it is multiplied by the sum of the other.
+    /// True if it is multiplied by the sum of the other.
     pub is_multiplied: bool,
     pub term: usize,
     /// Along the rows or along the columns.
@@ -278,7 +279,7 @@ struct Bank<'a> {
 }
 
 impl<'a> Bank<'a> {
-    /// Of the vectors of each block, whose words are given.
+    /// Packs the vectors of each block, whose words are given.
     pub fn new<'b>(vectors: &'a mut [Vec<Vector>], words_of: impl Fn(&Vector) -> &'b [u32]) -> Self {
         let (mut groups, mut words) = (Vec::new(), Vec::new());
         let (mut runs, mut run_start) = (Vec::new(), vec![0]);
@@ -313,7 +314,7 @@ impl<'a> Bank<'a> {
 const ZERO_SHORT: u32 = 0x1111_1111 * SHORT_BIAS as u32;
 const ZERO_LONG: u32 = 0x0101_0101 * BIAS as u32;
 
-/// Where each of these begins, and where the last ends.
+/// Start of each of these, and the end of the last.
 fn starts(lengths: impl Iterator<Item = usize>) -> Vec<u32> {
     let mut starts = vec![0u32];
     for (k, length) in lengths.enumerate() {

@@ -1,4 +1,5 @@
-//! Registers of lanes of 32 bits, each also two numbers of 16 bits, whose products are exact: the same bits on every machine.
+//! Registers of lanes of 32 bits, each also two numbers of 16 bits, whose products are exact: the same bits on every
+//! machine.
 
 use pulp::Arch;
 #[cfg(target_arch = "x86_64")]
@@ -12,7 +13,7 @@ use crate::kernel::tiles::LANES;
 /// Words of a lane each.
 pub(super) type U32x16 = [u32; LANES as usize];
 
-/// What a product does with `u32x16`s.
+/// Operations of a product on `u32x16`s.
 pub(super) trait Lanes: Copy {
     /// A register.
     type Word: Copy;
@@ -42,7 +43,7 @@ pub(super) trait Lanes: Copy {
     fn add_scaled(self, row: &mut [f32; LANES as usize], k: usize, word: Self::Word, step: f32);
 }
 
-/// What is compiled for each kind of registers.
+/// Code compiled for each kind of registers.
 pub(super) trait WithLanes {
     fn with<L: Lanes>(self, lanes: L);
 }

@@ -30,7 +30,7 @@ const TASK_ROWS: usize = TASK_BLOCKS * SIDE;
 /// Rows of a colour channel of a block, part by part.
 type Plane = [[f32; LANE_COUNT]; PARTS as usize];
 
-/// What a product keeps between its steps: one for products one after another.
+/// Workspace of products, kept from one to the next.
 #[derive(Clone, Debug, Default)]
 pub struct LowRankWorkspace {
     ordered: Vec<Vec4>,
@@ -130,8 +130,8 @@ impl LowRank {
     /// Row `i` of `a_r^-½ T̂ a_c^½`, one colour a column, as products multiply by it.
     ///
     /// # Errors
-    /// [`transport::Error::Length`] unless there is one element a column, [`transport::Error::Value`] for a row that there is
-    /// not.
+    /// [`transport::Error::Length`] unless there is one element a column, [`transport::Error::Value`] for a row that
+    /// there is not.
     pub fn row(&self, i: usize, row: &mut [Vec3]) -> Result<(), Error> {
         check_length("row", self.order.len(), row.len())?;
         let Some(&permuted_index) = self.permuted_index.get(i) else {
@@ -265,7 +265,7 @@ impl WithLanes for Quantise<'_> {
     }
 }
 
-/// What [`multiply_vt_all`] reads beside the light.
+/// Inputs of [`multiply_vt_all`] beside the light.
 #[derive(Clone, Copy, Debug)]
 pub struct VtTables<'a> {
     /// Red and blue of the chroma axes, [`chroma_weights`].
@@ -274,7 +274,7 @@ pub struct VtTables<'a> {
     pub groups: &'a [PackedGroup],
     /// Their elements, in `u32x16`s of [`LANES`] words.
     pub words: &'a [u32],
-    /// What the sum of each vector is multiplied by.
+    /// Factor on the sum of each vector.
     pub scale: &'a [f32],
 }
 
@@ -317,7 +317,7 @@ pub fn requantise_all(runs: &[u32], paired: &[u32], sums: &[Vec4], factors: &mut
     tasks.for_each(|(run, factors)| *factors = Sums { runs, paired, sums }.of(run));
 }
 
-/// What vectors are multiplied by.
+/// Factors on vectors.
 pub(super) trait Factors: Copy + Sync {
     /// The words of a run.
     fn of(self, run: usize) -> RunFactors;
@@ -367,14 +367,15 @@ impl Factors for Sums<'_> {
     }
 }
 
-/// What [`multiply_u_all`] reads beside the factors.
+/// Inputs of [`multiply_u_all`] beside the factors.
 #[derive(Clone, Copy, Debug)]
 pub struct UTables<'a> {
     /// Runs of block b: `run_start[b]..run_start[b + 1]`.
     pub run_start: &'a [u32],
     /// Packed groups of run k: `groups[runs[k]..runs[k + 1]]`.
     pub runs: &'a [u32],
-    /// Packed groups of vectors, block by block; those of a run have equal channels and bits, and their words follow one another.
+    /// Packed groups of vectors, block by block; those of a run have equal channels and bits, and their words follow
+    /// one another.
     pub groups: &'a [PackedGroup],
     /// Their elements, in `u32x16`s of [`LANES`] words.
     pub words: &'a [u32],
@@ -385,7 +386,7 @@ impl UTables<'_> {
         size_of_val(self.run_start) + size_of_val(self.runs) + size_of_val(self.groups) + size_of_val(self.words)
     }
 
-    /// Whether the tables of so many blocks belong together.
+    /// Checks that the tables of so many blocks belong together.
     pub(super) fn check(&self, blocks: usize) -> Result<(), Error> {
         check_bank(self.runs, self.groups, self.words, blocks)?;
         check_length("run_start", blocks + 1, self.run_start.len())?;
@@ -486,7 +487,7 @@ fn merged<L: Lanes>(l: L, a: &U32x16, b: &U32x16, half: usize, k: usize) -> L::W
 struct MultiplyVt<'a> {
     groups: &'a [PackedGroup],
     words: &'a [U32x16],
-    /// Of their block.
+    /// Light of their block.
     light: &'a [U32x16],
     steps: [f32; 3],
     scale: &'a [[f32; VECTORS]],

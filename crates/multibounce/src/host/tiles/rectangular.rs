@@ -19,8 +19,8 @@ use crate::kernel::tiles::ALL_CHANNELS;
 /// Blocks of rows from which on λ is first looked for with a part of them, and that part.
 const MANY_BLOCKS: usize = 64;
 const PART: u32 = 16;
-/// The rows of a rectangular operator: calls the function with each column of this row, and its value. A column may come more
-/// than once.
+/// The rows of a rectangular operator: calls the function with each column of this row, and its value. A column may
+/// come more than once.
 pub type SparseRows<'a> = dyn Fn(usize, &mut dyn FnMut(u32, f32)) + Sync + 'a;
 
 /// The operator block by block.
@@ -32,7 +32,7 @@ pub(super) struct Source<'a> {
     /// Permuted index of each patch.
     permuted_index: &'a [u32],
     even: Weights,
-    /// Of each block of patches.
+    /// Light of each block of patches.
     light: Vec<Weights>,
     /// Blocks of rows, and those by which λ is first looked for.
     all: Vec<usize>,
@@ -42,7 +42,7 @@ pub(super) struct Source<'a> {
 /// Entries of a tile: row, column, value.
 type Entries = Vec<(u8, u8, f32)>;
 
-/// What a block of rows becomes: blocks of columns with what they become.
+/// Encoding of a block of rows: blocks of columns with their encodings.
 struct BlockRow {
     parts: Vec<(usize, Part)>,
     /// Squared norm.

@@ -1,4 +1,4 @@
-//! What a tile becomes: rank-1 terms, dense sub-blocks and entries that lower the rate–distortion cost.
+//! Encoding of a tile: rank-1 terms, dense sub-blocks and entries that lower the rate–distortion cost.
 
 use alloc::vec::Vec;
 
@@ -15,10 +15,10 @@ pub(in crate::host) const SIDE: usize = TILE as usize;
 /// Rows and columns of a dense sub-block.
 pub(super) const EDGE: usize = LANES as usize;
 /// Largest elements of vectors of 4 and of 8 bits.
-const MOST_SHORT: f32 = 7.0;
-const MOST_LONG: f32 = 127.0;
+const MAX_SHORT: f32 = 7.0;
+const MAX_LONG: f32 = 127.0;
 /// Times that what rank-1 terms, sub-blocks and entries leave is looked at again.
-const MOST_STAGES: usize = 6;
+const MAX_STAGES: usize = 6;
 /// Rank-1 terms and sub-blocks up to which a tile is not tried again.
 const FEW_PARTS: usize = 8;
 
@@ -26,7 +26,7 @@ const FEW_PARTS: usize = 8;
 #[cfg(feature = "std")]
 const DECOMPOSITION_THREADS: usize = 2;
 
-/// What is taken from a tile first.
+/// Part that is taken from a tile first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Start {
     Terms,
@@ -46,11 +46,11 @@ pub(super) struct Costs {
 }
 
 impl Costs {
-    /// Both vectors of a rank-1 term are multiplied by, as rows of Vᵀ and as columns of U. An entry is 8 bytes on both sides of
-    /// the diagonal, but takes the time of 12 bytes of rank-1 terms.
+    /// Both vectors of a rank-1 term are multiplied by, as rows of Vᵀ and as columns of U. An entry is 8 bytes on both
+    /// sides of the diagonal, but takes the time of 12 bytes of rank-1 terms.
     pub const SYMMETRIC: Self = Self::new((2 * (8 + size_of::<PackedGroup>() / 4)) as f32, 12.0);
-    /// One vector is a row of Vᵀ, with a scale, the other a column of U, with the index of its paired vector; an entry is in one
-    /// row.
+    /// One vector is a row of Vᵀ, with a scale, the other a column of U, with the index of its paired vector; an entry
+    /// is in one row.
     pub const RECTANGULAR: Self = Self::new((2 * (4 + size_of::<PackedGroup>() / 4)) as f32, 8.0);
 
     /// With so many bytes for a rank-1 term beside its vectors, and for an entry.
@@ -59,7 +59,7 @@ impl Costs {
         Self { lambda: 0.0, short, long: short + SIDE as f32, sub_block, entry }
     }
 
-    /// Of all that a tile became.
+    /// Cost of all parts of a tile.
     fn of(&self, part: &Part) -> f32 {
         let term = |c: &Term| if c.is_short { self.short } else { self.long };
         part.terms.iter().map(term).sum::<f32>()
@@ -86,7 +86,7 @@ pub(super) struct DenseSubBlock {
     pub values: [i8; EDGE * EDGE],
 }
 
-/// What a tile becomes.
+/// Encoded part of a tile.
 #[derive(Default)]
 pub(super) struct Part {
     pub terms: Vec<Term>,
@@ -120,11 +120,11 @@ pub(super) fn dot(a: &Mat<f32>, b: &Mat<f32>) -> f64 {
     columns.flat_map(|(a, b)| a.iter().zip(b.iter())).map(|(&a, &b)| f64::from(a) * f64::from(b)).sum()
 }
 
-/// What errors count that are even over some neighbours, in a block of the order: light is even over neighbours, so that such
-/// errors add up, whereas others cancel.
+/// Error weights of a block of the order: light is even over neighbours, so that errors that are even over some
+/// neighbours add up, whereas others cancel.
 ///
-/// In the Haar basis of a block, which is halved again and again, over light of equal exitance (elements are `√a B`), what
-/// extends over s indices is weighted by [`EVEN`] powers of s; on average the squares are 1.
+/// In the Haar basis of a block, which is halved again and again, over light of equal exitance (elements are `√a B`),
+/// what extends over s indices is weighted by [`EVEN`] powers of s; on average the squares are 1.
 pub(super) struct Weights(Option<Bases>);
 
 /// To weighted elements and back.
@@ -133,10 +133,10 @@ struct Bases {
     back: Mat<f32>,
 }
 
-/// Of what errors count, by the number of indices over which they are even. Measured: Sponza's sun, errors for the same bytes 2.4 times
-/// smaller than with 0, the smallest of 0, 0.22, 0.34, 0.45 and 0.75.
+/// Share of smooth errors in the weights, by the number of indices over which they are even. Measured: Sponza's sun,
+/// errors for the same bytes 2.4 times smaller than with 0, the smallest of 0, 0.22, 0.34, 0.45 and 0.75.
 const EVEN: f32 = 1.0 / 3.0;
-/// The same for columns only, from which light comes and at which none is wanted.
+/// Share of smooth errors for columns only, from which light comes and at which none is wanted.
 const EVEN_LIGHT: f32 = 1.0 / 2.0;
 
 impl Weights {
@@ -145,12 +145,12 @@ impl Weights {
         Self(Some(Bases::new(sqrt_area, EVEN)))
     }
 
-    /// Of rows only, at which irradiance is wanted and from which no light comes: errors count the same.
+    /// Weights of rows only, at which irradiance is wanted and from which no light comes: errors count equally.
     pub fn even() -> Self {
         Self(None)
     }
 
-    /// Of columns only, from which light comes and at which none is wanted.
+    /// Weights of columns only, from which light comes and at which none is wanted.
     pub fn of_light(sqrt_area: &[f32]) -> Self {
         Self(Some(Bases::new(sqrt_area, EVEN_LIGHT)))
     }
@@ -209,12 +209,12 @@ fn weighted(tile: &Mat<f32>, (left, right): (&Weights, &Weights)) -> Mat<f32> {
     right.right(&left.left(tile))
 }
 
-/// Takes rank-1 terms out of a tile, and sub-blocks and entries out of what all channels have in common, as long as they lower
-/// the rate–distortion cost.
+/// Takes rank-1 terms out of a tile, and sub-blocks and entries out of what all channels have in common, as long as
+/// they lower the rate–distortion cost.
 ///
-/// Each is looked for in what the others leave, again and again. What is taken first decides where that ends: rank-1 terms that
-/// stand for what a sub-block holds, or sub-blocks where few rank-1 terms would do. So a tile of many parts is begun from both
-/// ends, and what costs less is kept.
+/// Each is looked for in what the others leave, again and again. What is taken first decides where that ends: rank-1
+/// terms that stand for what a sub-block holds, or sub-blocks where few rank-1 terms would do. So a tile of many parts
+/// is begun from both ends, and what costs less is kept.
 pub(super) fn reduce(rest: &mut Mat<f32>, weights: (&Weights, &Weights), costs: &Costs, color: u32, part: &mut Part) {
     if color != ALL_CHANNELS {
         return take(rest, weights, costs, color, part);
@@ -234,7 +234,7 @@ pub(super) fn reduce(rest: &mut Mat<f32>, weights: (&Weights, &Weights), costs: 
     part.append(&mut own);
 }
 
-/// What is left of a tile, and what is taken.
+/// Remainder of a tile after the first part, and that part.
 fn begin(start: Start, tile: &Mat<f32>, weights: (&Weights, &Weights), costs: &Costs) -> (Mat<f32>, Part) {
     let smooth = match start {
         Start::Terms => tile.clone(),
@@ -267,7 +267,7 @@ fn stands_out(rest: &Mat<f32>, costs: &Costs) -> Mat<f32> {
 
 /// Takes rank-1 terms, sub-blocks and entries, and again, because few bits leave something.
 fn take(rest: &mut Mat<f32>, weights: (&Weights, &Weights), costs: &Costs, color: u32, part: &mut Part) {
-    for _ in 0..MOST_STAGES {
+    for _ in 0..MAX_STAGES {
         let before = part.count();
         take_terms(rest, weights, costs, color, &mut part.terms);
         if color == ALL_CHANNELS {
@@ -338,7 +338,8 @@ fn singular_vectors(matrix: &Mat<f32>) -> Option<(Mat<f32>, Col<f32>, Mat<f32>)>
     Some((left, values.column_vector().to_owned(), right))
 }
 
-/// Vectors of the rank-1 terms of a tile that take more than `least` from its weighted squared error, one a column: `u vᵀ`.
+/// Vectors of the rank-1 terms of a tile that take more than `least` from its weighted squared error, one a column: `u
+/// vᵀ`.
 fn terms(tile: &Mat<f32>, weights: (&Weights, &Weights), least: f32) -> Option<(Mat<f32>, Mat<f32>)> {
     let weighted = weighted(tile, weights);
     // Squares of singular values add up to those of the entries.
@@ -358,8 +359,8 @@ fn terms(tile: &Mat<f32>, weights: (&Weights, &Weights), least: f32) -> Option<(
 fn take_terms(rest: &mut Mat<f32>, weights: (&Weights, &Weights), costs: &Costs, color: u32, out: &mut Vec<Term>) {
     let Some((u, v)) = terms(rest, weights, costs.lambda * costs.short) else { return };
     for (u, v) in u.col_iter().zip(v.col_iter()) {
-        let short = Rounded::new(u, v, MOST_SHORT);
-        let long = Rounded::new(u, v, MOST_LONG);
+        let short = Rounded::new(u, v, MAX_SHORT);
+        let long = Rounded::new(u, v, MAX_LONG);
         let (Some(short), Some(long)) = (short, long) else { continue };
         let saved = short.error - long.error;
         let is_short = saved <= costs.lambda * (costs.long - costs.short);
@@ -385,7 +386,7 @@ struct Rounded {
 }
 
 impl Rounded {
-    /// Of vectors that are not zero.
+    /// Decomposes vectors that are not zero.
     fn new(u: faer::ColRef<f32>, v: faer::ColRef<f32>, most: f32) -> Option<Self> {
         let step = |x: faer::ColRef<f32>| x.iter().fold(0.0f32, |m, x| m.max(x.abs())) / most;
         let (step_u, step_v) = (step(u), step(v));

@@ -88,7 +88,7 @@ pub(super) struct Source<'a> {
     order: &'a [u32],
     /// Red and blue of the first chroma axis, then of the second: unit vectors at a right angle.
     pub chroma_axes: [[f32; 2]; 2],
-    /// Of each block.
+    /// Weights of each block.
     pub weights: Vec<Weights>,
 }
 

@@ -1,6 +1,6 @@
-//! BC1 and BC3 with the exact palette of the specification (Direct3D 11.3, 19.5; Khronos Data Format 1.3, 18): endpoints
-//! of 5, 6 and 5 bits as fractions, thirds between them without rounding. Texture units round each colour to 8 or so
-//! bits: up to 1.7/255 off.
+//! BC1 and BC3 with the exact palette of the specification (Direct3D 11.3, 19.5; Khronos Data Format 1.3, 18):
+//! endpoints of 5, 6 and 5 bits as fractions, thirds between them without rounding. Texture units round each colour to
+//! 8 or so bits: up to 1.7/255 off.
 
 use glam::{UVec4, Vec3, Vec4};
 

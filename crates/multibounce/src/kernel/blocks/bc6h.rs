@@ -11,8 +11,9 @@ fn bit(w: UVec4, position: u32, shift: u32) -> u32 {
     if position == 0 { 0 } else { bits(w, position, 1) << shift }
 }
 
-/// Where the scattered bits of the endpoints w, x, y, z of the modes with two subsets are, a byte each, lowest first:
-/// `[gy4 gy5 gz4 gz5, by4 by5 bz4 bz5, bz0 bz1 bz2 bz3, rw10 gw10 bw10]`, and the widths: base, red, green, blue difference.
+/// Positions of the scattered bits of the endpoints w, x, y, z of the modes with two subsets, a byte each, lowest
+/// first: `[gy4 gy5 gz4 gz5, by4 by5 bz4 bz5, bz0 bz1 bz2 bz3, rw10 gw10 bw10]`, and the widths: base, red, green, blue
+/// difference.
 const SCATTERED: [[u32; 5]; 10] = [
     [0x0028_0002, 0x0004_0003, 0x4c46_3c32, 0, 0x0505_050a],
     [0x0403_0218, 0x2122_160e, 0x2017_0d0c, 0, 0x0606_0607],

@@ -5,12 +5,13 @@ use glam::{UVec4, Vec4};
 use super::BlockFormat;
 use super::words::{THREE_ANCHORS, THREE_SUBSETS, TWO_SUBSETS, bits, mix, weight};
 
-/// Of each mode, four bits each, lowest first: subsets, bits of the partition, of a colour, of an alpha, low bits of the
-/// endpoints (1: one for each, 2: one for each subset), bits of an index, of a second index, of rotation and selection.
+/// Fields of each mode, four bits each, lowest first: subsets, bits of the partition, of a colour, of an alpha, low
+/// bits of the endpoints (1: one for each, 2: one for each subset), bits of an index, of a second index, of rotation
+/// and selection.
 const MODES: [u32; 8] =
     [0x0031_0443, 0x0032_0662, 0x0020_0563, 0x0021_0762, 0x3320_6501, 0x2220_8701, 0x0041_7701, 0x0021_5562];
 
-/// Where things are in a block.
+/// Bit positions in a block.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Header {
     subsets: u32,

@@ -7,7 +7,7 @@ use super::{
 };
 use crate::types::SubBlock;
 
-/// What entry `k` of the sparse residual adds: its column is in the lower 16 bits, its signed value above them.
+/// Contribution of entry `k` of the sparse residual: its column is in the lower 16 bits, its signed value above them.
 #[inline]
 fn light(k: u32, entries: &[u32], ordered: &[Vec4]) -> Vec3 {
     let entry = entries[k as usize];
@@ -46,7 +46,8 @@ pub fn row_of(word: u32) -> [i32; 4] {
     [byte(24), byte(8), byte(16), byte(0)]
 }
 
-/// Adds what four columns of a sub-block bring to one of its rows, given the exitance of the first and last two of them.
+/// Adds what four columns of a sub-block bring to one of its rows, given the exitance of the first and last two of
+/// them.
 #[inline]
 fn add_four(sum: IVec3, word: u32, first: (IVec3, IVec3), last: (IVec3, IVec3)) -> IVec3 {
     let [a, b, c, d] = row_of(word);
@@ -69,12 +70,12 @@ fn add_columns(sum: Eight<IVec3>, (x, y): (UVec4, UVec4), first: UVec3, last: UV
     }
 }
 
-/// Eight rows of the dense and sparse parts, from permuted index `8 k` on: the sub-blocks of their part, one after another, then
-/// the sparse residual.
+/// Eight rows of the dense and sparse parts, from permuted index `8 k` on: the sub-blocks of their part, one after
+/// another, then the sparse residual.
 ///
-/// Shapes: `sub_block_start[blocks · PARTS + 1]`, `sub_blocks[n]`, `sub_block_words[n · SUB_BLOCK_WORDS / 4]`, `light` of
-/// [`super::quantise`] as `u32x4`s, `row_start[blocks · TILE + 1]`, `steps[blocks · TILE]`, `ordered` long enough for the entries'
-/// columns. Needs `8 k < blocks · TILE`.
+/// Shapes: `sub_block_start[blocks · PARTS + 1]`, `sub_blocks[n]`, `sub_block_words[n · SUB_BLOCK_WORDS / 4]`, `light`
+/// of [`super::quantise`] as `u32x4`s, `row_start[blocks · TILE + 1]`, `steps[blocks · TILE]`, `ordered` long enough
+/// for the entries' columns. Needs `8 k < blocks · TILE`.
 #[inline]
 #[allow(clippy::too_many_arguments)]
 pub fn dense_sparse(

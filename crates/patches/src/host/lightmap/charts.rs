@@ -11,20 +11,20 @@ const SAME_CORNER: f32 = 1e-5;
 /// Least cosine between normals of triangles that are called even.
 const SAME_PLANE: f32 = 1.0 - 1e-6;
 /// Least cosine between the normals across an edge inside of a chart, and between those of a chart and its middle: 30°.
-const LEAST_COSINE: f32 = 0.866;
+const MIN_COSINE: f32 = 0.866;
 /// Most triangles of a chart.
-const MOST_TRIANGLES: usize = 1024;
-/// A chart whose triangles cover so much of its rectangle may take more texels than its parts: small rectangles that fit
-/// together in no other way become large ones.
+const MAX_TRIANGLES: usize = 1024;
+/// A chart whose triangles cover so much of its rectangle may take more texels than its parts: small rectangles that
+/// fit together in no other way become large ones.
 const FULL: f32 = 0.75;
 /// Triangles of a chart may overlap by so much, in texels: rounding.
 const OVERLAP: f32 = 0.01;
-/// The same where charts are given: whoever made them may have meant fewer texels.
+/// Permitted overlap where charts are given: whoever made them may have meant fewer texels.
 const GIVEN_OVERLAP: f32 = 0.5;
 /// Triangles of a given chart that cover less, in texels, have no place in it.
-const LEAST_AREA: f32 = 1e-4;
+const MIN_AREA: f32 = 1e-4;
 /// Times that all edges are looked at: strips become blocks in later ones.
-const MOST_PASSES: u32 = 12;
+const MAX_PASSES: u32 = 12;
 
 /// A triangle in the plane of its chart.
 pub(super) struct ChartTriangle {
@@ -41,14 +41,15 @@ pub(super) struct Chart {
     pub size: Vec2,
 }
 
-/// The charts of all sides, in the order of their first triangles: neighbours across an edge come together, even ones first, as
-/// long as they fill their rectangle or take no more texels than apart, bend little and do not cover each other in the chart.
+/// The charts of all sides, in the order of their first triangles: neighbours across an edge come together, even ones
+/// first, as long as they fill their rectangle or take no more texels than apart, bend little and do not cover each
+/// other in the chart.
 pub(super) fn charts(scene: &Scene, sides: &[Sides], texel: f32) -> Vec<Chart> {
     let corners: Vec<[Vec3; 3]> =
         (scene.geometry.triangles.iter()).map(|t| [t.corner, t.corner + t.edge_a, t.corner + t.edge_b]).collect();
     let mut merging = Merging::new(scene, corners, texel);
     let edges = merging.edges(scene, sides);
-    for _ in 0..MOST_PASSES {
+    for _ in 0..MAX_PASSES {
         let merged = edges.iter().filter(|&&edge| merging.merge(edge)).count();
         if merged == 0 {
             break;
@@ -98,7 +99,7 @@ impl Frame {
         (along != Vec3::ZERO).then_some(Self { along, normal })
     }
 
-    /// The same directions turned into the plane of another.
+    /// Directions rotated into the plane of another.
     fn turned_to(self, normal: Vec3) -> Option<Self> {
         let along = (self.along - normal * self.along.dot(normal)).normalize_or_zero();
         (along != Vec3::ZERO).then_some(Self { along, normal })
@@ -186,7 +187,7 @@ impl Merging {
             .filter_map(|w| {
                 let cosine = self.normals[w[0].1 as usize].dot(self.normals[w[1].1 as usize]);
                 let edge = Edge { triangles: [w[0].1, w[1].1], is_even: cosine > SAME_PLANE, length: w[0].2 };
-                (cosine > LEAST_COSINE).then_some(edge)
+                (cosine > MIN_COSINE).then_some(edge)
             })
             .collect();
         edges.sort_by(|a, b| {
@@ -202,7 +203,7 @@ impl Merging {
             return false;
         }
         let (Some(one), Some(two)) = (&self.groups[a as usize], &self.groups[b as usize]) else { return false };
-        if one.triangles.len() + two.triangles.len() > MOST_TRIANGLES {
+        if one.triangles.len() + two.triangles.len() > MAX_TRIANGLES {
             return false;
         }
         let Some(both) = self.together(one, two) else { return false };
@@ -218,7 +219,7 @@ impl Merging {
     fn together(&self, one: &Group, two: &Group) -> Option<Group> {
         let (large, small) = if self.texels(one) >= self.texels(two) { (one, two) } else { (two, one) };
         let normal = large.frame.normal;
-        if small.triangles.iter().any(|&t| self.normals[t as usize].dot(normal) < LEAST_COSINE) {
+        if small.triangles.iter().any(|&t| self.normals[t as usize].dot(normal) < MIN_COSINE) {
             return None;
         }
         let mut triangles = [&large.triangles[..], &small.triangles[..]].concat();
@@ -236,7 +237,7 @@ impl Merging {
         (fits && !self.overlap(large, small, &both.frame)).then_some(both)
     }
 
-    /// Whether a triangle of one covers part of one of the other in a chart of both.
+    /// Returns true if a triangle of one covers part of one of the other in a chart of both.
     fn overlap(&self, one: &Group, two: &Group, frame: &Frame) -> bool {
         let flat = |group: &Group| -> Vec<[Vec2; 3]> {
             group.triangles.iter().map(|&t| self.corners[t as usize].map(|c| frame.flat(c))).collect()
@@ -254,7 +255,7 @@ impl Merging {
     }
 }
 
-/// Whether two triangles overlap by more than so much: no edge of either separates them.
+/// Returns true if two triangles overlap by more than so much: no edge of either separates them.
 fn triangles_overlap(a: &[Vec2; 3], b: &[Vec2; 3], depth: f32) -> bool {
     let bounds = |t: &[Vec2; 3]| (t[0].min(t[1]).min(t[2]), t[0].max(t[1]).max(t[2]));
     let ((a_low, a_high), (b_low, b_high)) = (bounds(a), bounds(b));
@@ -273,8 +274,8 @@ fn triangles_overlap(a: &[Vec2; 3], b: &[Vec2; 3], depth: f32) -> bool {
     !separates(a, b) && !separates(b, a)
 }
 
-/// One chart of given places in [0, 1]², `[triangles]`, of which `width` texels of `texel` m are each way. A triangle takes part
-/// with its front, if that is lit, else with its back.
+/// One chart of given places in [0, 1]², `[triangles]`, of which `width` texels of `texel` m are each way. A triangle
+/// takes part with its front, if that is lit, else with its back.
 pub(super) fn given_chart(sides: &[Sides], uvs: &[Option<TriangleUv>], width: u32, texel: f32) -> Chart {
     let triangle = |(t, (side, uv)): (u32, (&Sides, &Option<TriangleUv>))| {
         let uv = uv.filter(|_| side.front || side.back)?;
@@ -282,7 +283,7 @@ pub(super) fn given_chart(sides: &[Sides], uvs: &[Option<TriangleUv>], width: u3
         let place = |uv: Vec2| (uv * width as f32 - 1.0) * texel;
         let corners = [place(uv.corner), place(uv.corner_a), place(uv.corner_b)];
         let double = (corners[1] - corners[0]).perp_dot(corners[2] - corners[0]).abs();
-        (double > LEAST_AREA * texel * texel).then_some(ChartTriangle { triangle: t, front: side.front, corners })
+        (double > MIN_AREA * texel * texel).then_some(ChartTriangle { triangle: t, front: side.front, corners })
     };
     Chart {
         triangles: (0u32..).zip(sides.iter().zip(uvs)).filter_map(triangle).collect(),

@@ -11,7 +11,7 @@ use scene::{NONE, Scene, SidePolicy, Sides, SurfacePoint};
 use transport::{Patch, TriangleGrid};
 
 use super::cells::cell_elements;
-use super::{MOST_PATCHES, MeshSettings, PatchKind, PatchMesh};
+use super::{MAX_PATCHES, MeshSettings, PatchKind, PatchMesh};
 use crate::error::Error;
 use crate::host::axis::axis_patches;
 use crate::host::cluster::{ClusterSettings, cluster_patches};
@@ -31,19 +31,19 @@ const POLYGON_POINTS: u32 = 16;
 /// Cells along an element's edge: how finely triangles are looked up.
 const CELLS: f32 = 1.5;
 /// Most divisions along an edge of a triangle.
-const MOST_DIVISIONS: f32 = 1024.0;
+const MAX_DIVISIONS: f32 = 1024.0;
 /// Patches that are not cut into elements are looked up as finely as if each had so many, up to
-/// [`MOST_LOOKUP_CELLS`] in all.
+/// [`MAX_LOOKUP_CELLS`] in all.
 const LOOKUP_CELLS: usize = 6;
-const MOST_LOOKUP_CELLS: usize = 1 << 16;
+const MAX_LOOKUP_CELLS: usize = 1 << 16;
 /// Probe samples, which are asked whether light reaches them: for each patch, and at least and at
 /// most in all.
 const PROBES: usize = 6;
-const LEAST_PROBES: usize = 1 << 15;
-const MOST_PROBES: usize = 1 << 16;
+const MIN_PROBES: usize = 1 << 15;
+const MAX_PROBES: usize = 1 << 16;
 
-/// A sampler of the surfaces that light reaches, with as many probe samples as `count` patches need, as dense as is said;
-/// `None` when light reaches none.
+/// A sampler of the surfaces that light reaches, with as many probe samples as `count` patches need, as dense as is
+/// said; `None` when light reaches none.
 ///
 /// # Errors
 /// What [`LitSampler::new`] says otherwise.
@@ -62,7 +62,7 @@ pub fn lit_sampler_with<'a>(
     density: Density,
     seed: u32,
 ) -> Result<Option<LitSampler<'a>>, Error> {
-    let probes = count.saturating_mul(PROBES).clamp(LEAST_PROBES, MOST_PROBES);
+    let probes = count.saturating_mul(PROBES).clamp(MIN_PROBES, MAX_PROBES);
     match LitSampler::with_walker(walker, scene, probes as u32, density, seed) {
         Ok(sampler) => Ok(Some(sampler)),
         Err(Error::NoSamples) => Ok(None),
@@ -163,7 +163,7 @@ impl PatchMesh {
         let points = ElementPoints::new(&elements);
         let counted = |p: &VirtualPatch| f64::from(p.area) * f64::from(density.share(p.position));
         let area: f64 = elements.patches.iter().map(counted).sum();
-        let lookup_cells = elements.len().max((LOOKUP_CELLS * patches.len()).min(MOST_LOOKUP_CELLS));
+        let lookup_cells = elements.len().max((LOOKUP_CELLS * patches.len()).min(MAX_LOOKUP_CELLS));
         let grids = lookup_grids(scene, density, scene::math::sqrt((area / lookup_cells as f64) as f32))?;
         let sample_edge = scene::math::sqrt((area / elements.samples.len() as f64) as f32);
         let cells = cell_elements((scene, walker), density, &grids, &elements.samples, &points.owner, sample_edge)?;
@@ -207,7 +207,7 @@ fn lookup_grids(scene: &Scene, density: &Density, edge: f32) -> Result<Vec<Trian
     for triangle in 0..triangles as u32 {
         let edge = edge * density.triangle_edge(&scene.geometry.triangles[triangle as usize]);
         let along_edge = (scene.longest_edge(triangle) * CELLS / edge).ceil();
-        divisions.push(along_edge.clamp(1.0, MOST_DIVISIONS) as u32);
+        divisions.push(along_edge.clamp(1.0, MAX_DIVISIONS) as u32);
     }
     let sides = vec![Sides { front: true, back: true }; triangles];
     check_cells(scene, &sides, &divisions)?;
@@ -253,7 +253,7 @@ impl ElementPoints {
     }
 }
 
-/// What makes patches of the samples of voxels.
+/// Makes patches of the samples of voxels.
 struct VoxelPatches<'a> {
     scene: &'a Scene,
     sampler: Option<&'a LitSampler<'a>>,
@@ -324,10 +324,10 @@ impl VoxelPatches<'_> {
 
 /// More than can be numbered is an error.
 fn check_count(name: &'static str, found: usize) -> Result<(), Error> {
-    if found <= MOST_PATCHES {
+    if found <= MAX_PATCHES {
         return Ok(());
     }
-    Err(Error::TooMany { name, found: found as u64, limit: MOST_PATCHES as u64 })
+    Err(Error::TooMany { name, found: found as u64, limit: MAX_PATCHES as u64 })
 }
 
 #[cfg(test)]

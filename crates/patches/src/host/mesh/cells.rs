@@ -17,14 +17,14 @@ use crate::host::visibility::{SurfacePlace, is_in_gap, is_visible};
 use crate::types::Sample;
 
 /// A place has no element when the nearest sample of similar normal is further, in sample edges.
-const MOST_DISTANCE: f32 = 4.0;
+const MAX_DISTANCE: f32 = 4.0;
 /// Samples that are tried, the nearest first.
 const TRIED: usize = 6;
 /// Samples that are tried where all of those differ by more than [`SIMILAR_ALBEDO`] in albedo.
 const TRIED_DISSIMILAR: usize = 64;
 const SIMILAR_ALBEDO: f32 = 0.25;
-/// What a difference of 1 in albedo counts in the choice, in sample edges: what is thin and dark has
-/// few samples, and must not shine like the bright wall beside it.
+/// Weight of a difference of 1 in albedo in the choice, in sample edges: thin dark things have few samples, and must
+/// not shine like the bright wall beside them.
 const ALBEDO_WEIGHT: f32 = 10.0;
 /// Random walks of the reachability test of a place that sees no sample.
 const WALKS: u32 = 2;
@@ -63,8 +63,8 @@ pub(super) fn cell_elements(
 #[derive(Clone, Copy)]
 struct Choice {
     element: u32,
-    /// Where the cell sees no sample: its middle. It has the element only if random walks from there come to light, which is the
-    /// reachability test; the place's patch is their seed.
+    /// Middle of a cell that sees no sample. It has the element only if random walks from there come to light, which is
+    /// the reachability test; the place's patch is their seed.
     place: Option<SurfacePoint>,
 }
 
@@ -126,7 +126,7 @@ impl ElementSearch<'_> {
     }
 }
 
-/// Where a cell is.
+/// Position of a cell.
 #[derive(Clone, Copy, Debug)]
 struct CellPlace {
     /// Its middle (u, v).
@@ -171,11 +171,11 @@ fn cells_in_places(triangle: &Triangle, divisions: u32) -> Vec<CellPlace> {
 /// The samples nearest to a place in position, normal and albedo, the nearest first.
 fn most_similar_samples(nearest: &Nearest, samples: &[Sample], place: SurfacePlace, albedo: Vec3) -> Vec<Near> {
     let SurfacePlace { position, normal } = place;
-    let (few, count) = nearest.samples::<TRIED>(position, normal, MOST_DISTANCE);
+    let (few, count) = nearest.samples::<TRIED>(position, normal, MAX_DISTANCE);
     let mut found = few[..count].to_vec();
     let is_dissimilar = |near: &Near| albedo.distance(samples[near.0 as usize].albedo) > SIMILAR_ALBEDO;
     if count == TRIED && found.iter().all(is_dissimilar) {
-        let (more, count) = nearest.samples::<TRIED_DISSIMILAR>(position, normal, MOST_DISTANCE);
+        let (more, count) = nearest.samples::<TRIED_DISSIMILAR>(position, normal, MAX_DISTANCE);
         found = more[..count].to_vec();
     }
     for (sample, distance) in &mut found {

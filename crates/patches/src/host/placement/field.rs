@@ -35,12 +35,12 @@ const RIDGE: f32 = 0.03;
 /// greatest: where light is even rounding would not let it go anywhere.
 const SLACK: f32 = 0.01;
 /// Weights below this are left out.
-const LEAST_WEIGHT: f32 = 0.02;
+const MIN_WEIGHT: f32 = 0.02;
 /// Greatest weight that a fit gives, either way: far outside of its receivers it would follow their noise.
-const MOST_WEIGHT: f32 = 1.5;
+const MAX_WEIGHT: f32 = 1.5;
 /// Most that a fit may change the sum of the weights, before they are made to sum to 1 again.
-const MOST_CHANGE: f32 = 0.25;
-/// What a difference of the normal counts in the choice, over that in the search.
+const MAX_CHANGE: f32 = 0.25;
+/// Weight of a difference of the normal in the choice, over that in the search.
 const NORMAL_WEIGHT: f32 = 100.0;
 
 /// Furthest that receivers are compared, in edges between them.
@@ -56,7 +56,7 @@ const SMALL: f32 = 3.0;
 /// between receivers.
 const CELL_EDGE: f32 = 6.0;
 /// Least distance between interpolation points, in the same.
-const LEAST_SPACING: f32 = 0.3;
+const MIN_SPACING: f32 = 0.3;
 /// Interpolation points nearer than this may be one, in the same.
 const WELD: f32 = 0.25;
 /// Receivers whose distances give the distance between interpolation points: one and its
@@ -125,11 +125,11 @@ impl<'a> ReceiverField<'a> {
             return None;
         }
         let mean = found[..count].iter().map(|f| spacing[f.0 as usize]).sum::<f32>() / count as f32;
-        Some(mean.max(LEAST_SPACING * edge))
+        Some(mean.max(MIN_SPACING * edge))
     }
 
-    /// The receivers that interpolation points take, with weights that sum to 1: the nearest in position and normal that they see.
-    /// Empty for a point that sees none. With a walker the points of a block look together.
+    /// The receivers that interpolation points take, with weights that sum to 1: the nearest in position and normal
+    /// that they see. Empty for a point that sees none. With a walker the points of a block look together.
     ///
     /// # Errors
     /// What the walker says.
@@ -171,7 +171,7 @@ impl<'a> ReceiverField<'a> {
         Ok(found)
     }
 
-    /// The same of the nearest receivers, whether the point sees them or not.
+    /// Weights of the nearest receivers, whether the point sees them or not.
     pub fn nearest_weights(&self, point: &SurfacePoint) -> Vec<Entry> {
         let mut choice = self.choice(point);
         choice.take(|_| true);
@@ -200,7 +200,7 @@ impl<'a> ReceiverField<'a> {
         similar
     }
 
-    /// Whether a receiver is visible from a place.
+    /// Returns true if a receiver is visible from a place.
     pub fn is_receiver_visible(&self, place: SurfacePlace, receiver: u32) -> bool {
         let there = SurfacePlace::from(&self.set.samples[receiver as usize]);
         is_visible(self.set.scene, place, there, self.edge_at(place.position))
@@ -233,15 +233,16 @@ impl<'a> ReceiverField<'a> {
         }
         for (weight, change) in weights.iter().zip(&changes) {
             let step = weight.1 * change;
-            let room = if step > 0.0 { MOST_WEIGHT - weight.1 } else { MOST_WEIGHT + weight.1 };
+            let room = if step > 0.0 { MAX_WEIGHT - weight.1 } else { MAX_WEIGHT + weight.1 };
             share = if step.abs() > room { share.min(room / step.abs()) } else { share };
         }
         let share = share.max(0.0);
         let changed = weights.iter().zip(changes).map(|(entry, change)| (entry.0, entry.1 * (1.0 + share * change)));
-        let mut fitted: Vec<Entry> = changed.filter(|entry| entry.1.abs() >= LEAST_WEIGHT).collect();
+        let mut fitted: Vec<Entry> = changed.filter(|entry| entry.1.abs() >= MIN_WEIGHT).collect();
         let total: f32 = fitted.iter().map(|w| w.1).sum();
-        // Where more receivers are equally far than are taken, their weights sum to less than 1; a steep fit takes the rest.
-        if (total - 1.0).abs() <= MOST_CHANGE {
+        // Where more receivers are equally far than are taken, their weights sum to less than 1; a steep fit takes the
+        // rest.
+        if (total - 1.0).abs() <= MAX_CHANGE {
             fitted.iter_mut().for_each(|w| w.1 /= total);
             *weights = fitted;
         } else {
@@ -250,8 +251,8 @@ impl<'a> ReceiverField<'a> {
         }
     }
 
-    /// What a linear fit at a place changes in weights that sum to 1, as shares of each, where
-    /// `ridge` holds the slope back.
+    /// Changes that a linear fit at a place makes to weights that sum to 1, as shares of each, where `ridge` limits the
+    /// slope.
     pub fn linear_changes(&self, place: SurfacePlace, weights: &[Entry], ridge: f32) -> Vec<f32> {
         let (right, up) = frame(place.normal);
         let edge = self.edge_at(place.position);

@@ -77,8 +77,8 @@ fn interpolation_points_take_a_slope_as_it_is_and_leave_no_range() {
     assert!(fit < 0.01 && mean > 2.0 * fit, "fit {fit}, mean {mean}, slope 0.1 an edge");
 }
 
-/// Traces rays on the host, and counts how often it is asked. Of a liar every third ray is stopped that is not, and the other way
-/// round.
+/// Traces rays on the host, and counts how often it is asked. Of a liar every third ray is stopped that is not, and the
+/// other way round.
 struct Looks {
     calls: AtomicUsize,
     is_liar: bool,

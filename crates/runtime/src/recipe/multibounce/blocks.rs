@@ -14,7 +14,7 @@ use crate::executor::ExecutorError;
 use crate::plan::{BufferId, Plan, RANGE_ALIGNMENT, Range};
 use crate::recipe::{Named, Table, Tables, add_pass, rgb_bytes, row_blocks, row_step};
 
-/// What decodes texture blocks.
+/// Decoder of texture blocks.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Decoder {
     /// The texture unit, from images of at most so many texels along their edges.

@@ -18,8 +18,8 @@ pub fn planar_columns(n: usize) -> usize {
     (3 * n).next_multiple_of(4)
 }
 
-/// The source of each element of planar RGB, if there is one, and its channel: red of all of `n` patches, green, blue, and
-/// nothing up to a whole vector.
+/// The source of each element of planar RGB, if there is one, and its channel: red of all of `n` patches, green, blue,
+/// and nothing up to a whole vector.
 pub fn planar(n: usize) -> impl Iterator<Item = Option<(usize, usize)>> {
     (0..planar_columns(n)).map(move |k| (k < 3 * n).then(|| (k % n, k / n)))
 }

@@ -18,9 +18,9 @@ use crate::recipe::{Named, Tables, add_pass, rgb_bytes};
 /// An operator of low rank on the device, and what a product keeps between its passes.
 #[derive(Clone, Debug)]
 pub struct LowRankTables {
-    /// What makes sums of the exitance.
+    /// Tables that make sums of the exitance.
     columns: Vec<Named>,
-    /// What makes irradiance of the sums: the same tables where rows and columns are the same patches.
+    /// Tables that make irradiance of the sums: the same where rows and columns are the same patches.
     rows: Vec<Named>,
     /// Chroma axes: of the differences of red and blue to green.
     chroma_axes: Vec4,

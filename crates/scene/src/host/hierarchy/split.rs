@@ -54,7 +54,7 @@ impl Bounds {
         Self { low: self.low.min(other.low), high: self.high.max(other.high), count: self.count + other.count }
     }
 
-    /// What rays through the parent pay: half the surface times the triangles.
+    /// Cost of rays through the parent: half the surface times the triangles.
     fn cost(&self) -> f32 {
         let size = self.high - self.low;
         if self.count == 0 { 0.0 } else { (size.x * (size.y + size.z) + size.y * size.z) * self.count as f32 }

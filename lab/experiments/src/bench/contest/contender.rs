@@ -1,5 +1,5 @@
-//! What takes part in experiments: each way to find indirect light as a frame needs it, from lights that moved to irradiance at
-//! what is seen.
+//! Contenders of experiments: each way to find indirect light as a frame needs it, from lights that moved to irradiance
+//! in view.
 
 use std::ops::ControlFlow;
 use std::sync::Arc;
@@ -25,19 +25,19 @@ use crate::sequence::pass_ms;
 use patchlight::{Bake, Pictures, ReceiverUpdate, RenderSettings, Renderer};
 use solvers::Solved;
 
-/// What sets the paths of an opponent apart from those of the reference.
+/// Seed that sets the paths of an opponent apart from those of the reference.
 const OTHER_PATHS: u32 = 0x6f70_706f;
 /// Pixels that reflect less over π are not divided by what they reflect.
-const LEAST_ALBEDO: f32 = 0.01;
+const MIN_ALBEDO: f32 = 0.01;
 /// Pass of a light update between patches, and the part of a renderer's memory that its products read.
 const METHOD: &str = "method";
 const OPERATOR: &str = "operator";
 
-/// What work took, ms.
+/// Time of some work, ms.
 #[derive(Clone, Copy, Debug)]
 pub struct Time {
     pub wall: f64,
-    /// Of all processors together: what else the machine does is hardly in it.
+    /// Time of all processors together: what else the machine does is hardly in it.
     pub processor: f64,
 }
 
@@ -58,7 +58,7 @@ pub struct FrameTime {
     pub update: Time,
     /// From there to each pixel's irradiance, where that can be told apart.
     pub lookup: Option<Time>,
-    /// Of the update, light between patches alone, ms.
+    /// Time of light between patches alone, ms, of the update.
     pub method_ms: Option<f64>,
 }
 
@@ -66,13 +66,13 @@ pub struct FrameTime {
 pub trait Contender {
     /// Name of its kind, a line of the plots.
     fn family(&self) -> &'static str;
-    /// What it is called.
+    /// Name.
     fn name(&self) -> String;
     /// A whole light update of frame `number`.
     fn frame(&mut self, lighting: &Lighting, number: u32) -> Result<FrameTime, Error>;
     /// Irradiance or radiance at what is seen, as it is now: what tells how far a jump of the lights is followed.
     fn light(&mut self) -> Result<Vec<Vec3>, Error>;
-    /// Whether light of one frame depends on the frames before.
+    /// Returns true if light of one frame depends on the frames before.
     fn remembers(&self) -> bool;
     /// Pictures of now under the scene's own lights; `direct` is added where there is no own direct light.
     fn pictures(&mut self, direct: Option<&Picture>) -> Result<Pictures, Error>;
@@ -84,7 +84,7 @@ pub trait Contender {
     fn operator_bytes(&self) -> Option<u64> {
         None
     }
-    /// What was made before the first frame, s.
+    /// Time of preparation before the first frame, s.
     fn build_s(&self) -> f64;
     /// Probes that are on and all, or cells.
     fn size(&self) -> String;
@@ -94,7 +94,7 @@ pub trait Contender {
 pub struct OwnPatches<'a> {
     view: &'a View<'a>,
     method: PatchMethod,
-    /// What its name ends with, beside others of its kind.
+    /// Ending of its name, beside others of its kind.
     label: &'static str,
     renderer: Renderer,
     build_s: f64,
@@ -185,7 +185,7 @@ impl Contender for OwnPatches<'_> {
 pub trait Volume {
     fn update(&mut self, lighting: &Lighting, frame: u32) -> Result<(), Error>;
     fn irradiance_at(&self, points: &[ViewedPoint]) -> Result<Vec<Vec3>, patchlight::Error>;
-    /// The same at the points in view, where a frame needs it: for the time that it takes.
+    /// Looks up the points in view, where a frame needs it: for the time that it takes.
     fn look_up_view(&self, view: &[ViewedPoint]) -> Result<(), Error> {
         std::hint::black_box(self.irradiance_at(view)?);
         Ok(())
@@ -199,7 +199,7 @@ fn executor_of(view: &View) -> Result<Box<dyn Executor>, Error> {
     Ok(open(&DeviceChoice::parse(&view.common.device))?.0)
 }
 
-/// Whether kernels run on a graphics processor, of whose work processor time knows nothing.
+/// Returns true if kernels run on a graphics processor, of whose work processor time knows nothing.
 pub fn has_graphics_processor(view: &View) -> Result<bool, Error> {
     let kind = executor_of(view)?.device().kind;
     Ok(!matches!(kind, DeviceKind::Native | DeviceKind::EmulatedOnCpu))
@@ -221,7 +221,7 @@ impl Probes {
         Ok(Self::OnDevice(Box::new(DeviceDdgi::new(scene, settings, executor, &view.points)?)))
     }
 
-    /// Where probes are, and how many.
+    /// Probes and their positions.
     fn placed(&self) -> &Ddgi {
         match self {
             Self::Native(probes) => probes,
@@ -439,10 +439,10 @@ pub struct Paths<'a> {
     shown: Picture,
 }
 
-/// What the denoiser needs of the view.
+/// Inputs of the denoiser.
 struct Denoiser {
     guides: Guides,
-    /// What pixels reflect over π, with edges as smooth as those of the picture.
+    /// Albedo of the pixels over π, with edges as smooth as those of the picture.
     albedo: Picture,
 }
 
@@ -477,11 +477,12 @@ impl Denoiser {
         Ok(Self { guides: Guides::new(&view.loaded.scene, &view.camera), albedo: view.gathered(&ones)? })
     }
 
-    /// Irradiance is denoised, so that textures stay sharp. More paths have less noise, beside which edges of light show.
+    /// Irradiance is denoised, so that textures stay sharp. More paths have less noise, beside which edges of light
+    /// show.
     fn denoise(&self, indirect: &Picture, samples: u32) -> Result<Picture, Error> {
         let usual = DenoiseSettings::default();
         let settings = DenoiseSettings { colour: usual.colour / (samples as f32).sqrt(), ..usual };
-        let share = |albedo: Vec3| albedo.max(Vec3::splat(LEAST_ALBEDO));
+        let share = |albedo: Vec3| albedo.max(Vec3::splat(MIN_ALBEDO));
         let irradiance = indirect.combine(&self.albedo, |light, albedo| light / share(albedo))?;
         let clean = denoise(&irradiance, &self.guides, &settings)?;
         Ok(clean.combine(&self.albedo, |light, albedo| light * share(albedo))?)

@@ -32,16 +32,18 @@ const ONE_GRID: f32 = 40.0;
 const CELLS: [u32; 2] = [16, 32];
 /// Light updates of a trial; the last one counts.
 const TRIALS: u32 = 3;
-/// Probes of which the memory is that of the project's own methods are at most as many as take so many times their time.
-const MOST_TIME: f64 = 10.0;
+/// Probes of which the memory is that of the project's own methods are at most as many as take so many times their
+/// time.
+const MAX_TIME: f64 = 10.0;
 /// Least and most probes of a grid that is chosen by time or memory.
 const PROBES: (f64, f64) = (8.0, 32_768.0);
-/// Polygons are whole triangles: where there are more of these than so many times the patches, they are no like of clusters.
-const MOST_POLYGONS: usize = 2;
+/// Polygons are whole triangles: where there are more of these than so many times the patches, they are no like of
+/// clusters.
+const MAX_POLYGONS: usize = 2;
 /// Probes of a volume that is baked anew in every light update, at most.
-const MOST_BAKED: usize = 4096;
-/// What the project's own methods are called with a fraction of their memory, and what that takes: patches and rays are so many
-/// times fewer. What is asked of these settings is the memory of the best probes, not the least error.
+const MAX_BAKED: usize = 4096;
+/// Ending of the names of the project's own methods with a fraction of their memory: patches and rays are so many times
+/// fewer. What is asked of these settings is the memory of the best probes, not the least error.
 const SMALL: &str = ", small";
 const FEWER_PATCHES: usize = 6;
 const FEWER_RAYS: u32 = 4;
@@ -51,7 +53,7 @@ const MORE_PATHS: u32 = 8;
 /// A list of contenders.
 pub type Contenders<'a> = Vec<Box<dyn Contender + 'a>>;
 
-/// How light goes between patches.
+/// Method between patches.
 #[derive(Clone, Copy)]
 pub enum Between {
     /// By a method of the library.
@@ -84,8 +86,8 @@ impl PatchMethod {
         ]
     }
 
-    /// What needs a matrix with an entry for each pair of patches: the dense product with the operator of all bounces, and
-    /// progressive shooting.
+    /// Methods that need a matrix with an entry for each pair of patches: the dense product with the operator of all
+    /// bounces, and progressive shooting.
     pub fn dense() -> [Self; 2] {
         [
             Self::of("dense product", MethodSettings::Multibounce(Codec::Dense)),
@@ -104,7 +106,7 @@ impl PatchMethod {
     }
 }
 
-/// What contenders of a view are made of.
+/// Inputs of the contenders of a view.
 pub struct Field<'a> {
     view: &'a View<'a>,
     bake: Arc<Bake>,
@@ -130,8 +132,8 @@ impl<'a> Field<'a> {
         &self.bake
     }
 
-    /// Everybody: DDGI at all spacings and numbers of rays, at equal time and at the nearest memory; paths at equal time and
-    /// more; and who cannot take part, and why.
+    /// Everybody: DDGI at all spacings and numbers of rays, at equal time and at the nearest memory; paths at equal
+    /// time and more; and who cannot take part, and why.
     pub fn all(&self) -> Result<(Contenders<'a>, Vec<String>), Error> {
         let View { args, .. } = *self.view;
         let mut list = self.patches()?;
@@ -169,7 +171,8 @@ impl<'a> Field<'a> {
         Ok((list, left_out))
     }
 
-    /// One of each kind, each with another name of its kind: DDGI at the finest spacing and the fewest rays that are asked for.
+    /// One of each kind, each with another name of its kind: DDGI at the finest spacing and the fewest rays that are
+    /// asked for.
     pub fn one_of_each(&self) -> Result<Contenders<'a>, Error> {
         let mut list = self.patches()?;
         list.push(self.voxel_proxy()?);
@@ -181,7 +184,7 @@ impl<'a> Field<'a> {
         Ok(list)
     }
 
-    /// What needs a bake: [`PatchMethod::usual`].
+    /// Contenders that need a bake: [`PatchMethod::usual`].
     pub fn patches(&self) -> Result<Contenders<'a>, Error> {
         self.with_patches(&PatchMethod::usual(self.bake.mesh.patches.len(), self.view.common.seed))
     }
@@ -219,7 +222,7 @@ impl<'a> Field<'a> {
         let scene = &self.view.loaded.scene;
         let triangles = scene.geometry.triangles.len();
         let patches = self.bake.mesh.patches.len();
-        if triangles > MOST_POLYGONS * patches {
+        if triangles > MAX_POLYGONS * patches {
             return Ok(Err(format!("hierarchical radiosity, whose patches are parts of the {triangles} triangles")));
         }
         let settings = BakeSettings { patches: PatchKind::Polygon, ..self.bake.settings };
@@ -260,7 +263,7 @@ impl<'a> Field<'a> {
         let probes = trial.probe_count() as f64;
         let by_time = probes * own_ms / ms;
         let by_memory = probes * own_bytes as f64 / trial.bytes().max(1) as f64;
-        let most = if self.view.args.quick { by_time } else { MOST_TIME * by_time };
+        let most = if self.view.args.quick { by_time } else { MAX_TIME * by_time };
         for (count, label) in [(by_time, ", time of tiles"), (by_memory.min(most), ", towards memory of tiles")] {
             let count = count.clamp(PROBES.0, PROBES.1) as u32;
             list.push(Box::new(Volumetric::ddgi(self.view, self.probes(Spacing::Probes(count), rays), label)?));
@@ -280,14 +283,14 @@ impl<'a> Field<'a> {
         let View { common, two_sided, .. } = *self.view;
         let spacing = self.metres(self.finest());
         let mut settings = VolumeSettings { spacing, bands, two_sided, seed: common.seed, ..VolumeSettings::default() };
-        if IrradianceVolume::new(&self.view.loaded.scene, settings)?.probe_count() > MOST_BAKED {
-            settings.spacing = Spacing::Probes(MOST_BAKED as u32);
+        if IrradianceVolume::new(&self.view.loaded.scene, settings)?.probe_count() > MAX_BAKED {
+            settings.spacing = Spacing::Probes(MAX_BAKED as u32);
         }
         Ok(Box::new(Volumetric::baked(self.view, settings)?))
     }
 
-    /// Processor time of a light update after others, ms; where a graphics processor is at work, by the clock. Lights move in
-    /// between: what rests is kept, and takes no time.
+    /// Processor time of a light update after others, ms; where a graphics processor is at work, by the clock. Lights
+    /// move in between: what rests is kept, and takes no time.
     fn trial(&self, contender: &mut dyn Contender) -> Result<f64, Error> {
         let by_clock = has_graphics_processor(self.view)?;
         let mut last = 0.0;

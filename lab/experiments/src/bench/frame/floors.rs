@@ -1,4 +1,4 @@
-//! What passes must do at least, and how far their times are from it.
+//! Least work of passes, and the distance of their times from it.
 
 use std::collections::BTreeMap;
 use std::hint::black_box;
@@ -53,7 +53,7 @@ impl Work {
     }
 }
 
-/// What the passes of an update with so many lights must do that finds so many receivers and interpolation points.
+/// Least work of the passes of an update with so many lights, receivers and interpolation points.
 pub fn work(
     bake: &Bake,
     lights: usize,
@@ -94,7 +94,8 @@ pub fn of_pixels((width, height): (u32, u32)) -> Work {
     Work { bytes: u64::from(width) * u64::from(height) * pixel, operations: 0 }
 }
 
-/// Multiplications and additions of single numbers that all cores make in a second, 10⁹: vectors of four as in the products.
+/// Multiplications and additions of single numbers that all cores make in a second, 10⁹: vectors of four as in the
+/// products.
 pub fn operations_g() -> f64 {
     let round = || {
         let start = Instant::now();

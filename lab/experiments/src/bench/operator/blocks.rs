@@ -1,4 +1,5 @@
-//! The part of `bench operator` with texture blocks: bytes, errors and times, and what the order of rows and columns is worth.
+//! The part of `bench operator` with texture blocks: bytes, errors and times, and what the order of rows and columns is
+//! worth.
 
 use std::time::Instant;
 
@@ -18,14 +19,14 @@ use crate::report::{Table, significant};
 /// Products on a device, by each decoder: an emulated texture unit takes seconds.
 const ROUNDS: usize = 3;
 
-/// What is measured of blocks alone.
+/// Measurements of blocks alone.
 #[derive(Serialize)]
 pub(super) struct Blocks {
     /// Mean squared error of the entries that blocks hold, for each order of rows and columns.
     order_mse: Vec<(&'static str, f64)>,
     /// Bytes over those of one number of single precision an entry.
     bytes_share: f64,
-    /// What decodes in frames on the device, unless it is chosen.
+    /// Decoder in frames on the device, unless it is chosen.
     #[serde(skip_serializing_if = "Option::is_none")]
     decode: Option<&'static str>,
     /// On the device, by each of the two.
@@ -108,7 +109,7 @@ fn decoded_ms(
     }
 }
 
-/// What blocks take beside what is asked of them; none without blocks.
+/// Memory of blocks beside the requested amount; none without blocks.
 pub(super) fn table(rows: &[Row]) -> Option<Table> {
     let head = [
         "scene",

@@ -28,7 +28,7 @@ const ORDER_RAYS: u32 = 64;
 const MORE_TIMES: usize = 4;
 const MORE: f64 = 1.02;
 
-/// What the receivers' rows are.
+/// Kind of the receivers' rows.
 #[derive(Clone, Serialize)]
 pub struct ReceiverRows {
     receivers: usize,
@@ -55,7 +55,7 @@ impl ReceiverRows {
     }
 }
 
-/// What is measured.
+/// Measured receivers.
 pub(super) struct Receivers<'a> {
     pub scene: &'a Scene,
     pub subject: &'a Subject<'a>,
@@ -63,8 +63,8 @@ pub(super) struct Receivers<'a> {
     pub args: &'a Bench,
 }
 
-/// Exactly so many points that stand for equal areas to which light comes, in an order in which neighbours are near; none where
-/// no light comes anywhere.
+/// Exactly so many points that stand for equal areas to which light comes, in an order in which neighbours are near;
+/// none where no light comes anywhere.
 fn points(scene: &Scene, patches: usize, count: usize, seed: u32) -> Result<Vec<SurfacePoint>, Error> {
     let Some(sampler) = lit_sampler(scene, patches, Density::default(), seed)? else { return Ok(Vec::new()) };
     let mut samples = Vec::new();

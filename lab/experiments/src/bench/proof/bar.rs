@@ -1,4 +1,4 @@
-//! What this project asks of itself: in each scene, tiles and temporal better than the best DDGI in the picture, at points and in
+//! The project's own bar: in each scene, tiles and temporal better than the best DDGI in the picture, at points and in
 //! time, at equal or less memory.
 
 use std::fmt::Write as _;
@@ -16,10 +16,10 @@ const BAR: [Measure; 5] = [
     ("time of a light update", |row| Some(row.times.processor.median_ms), |x| format!("{} ms", significant(x))),
     ("memory", |row| Some(row.who.megabytes()), |x| format!("{} MB", significant(x))),
 ];
-/// What stands behind a measure in which DDGI is better.
+/// Mark after a measure in which DDGI is better.
 const MISSED: &str = " (missed)";
 
-/// What one of the project's own methods is compared with, measure by measure.
+/// Comparison of one of the project's own methods, measure by measure.
 struct Comparison<'a> {
     scene: &'a str,
     own: &'a Row,
@@ -50,7 +50,7 @@ impl Comparison<'_> {
     }
 }
 
-/// Of each setting of each of the project's own methods in a scene.
+/// Comparisons of each setting of each of the project's own methods in a scene.
 fn comparisons(scene: &SceneRows<Row>) -> Vec<Comparison<'_>> {
     let (_, first, _) = BAR[0];
     let opponents = scene.rows.iter().filter(|row| row.who.family == NEAREST);
@@ -60,7 +60,7 @@ fn comparisons(scene: &SceneRows<Row>) -> Vec<Comparison<'_>> {
     own.map(|own| Comparison { scene: &scene.scene, own, best }).collect()
 }
 
-/// Of each method in each scene, the setting that misses least.
+/// Setting that misses least, of each method in each scene.
 fn nearest<'a>(all: &'a [Comparison<'a>]) -> Vec<(&'a Comparison<'a>, Vec<&'static str>)> {
     let mut cases: Vec<(&Comparison, Vec<&str>)> = Vec::new();
     for setting in all {
@@ -75,7 +75,7 @@ fn nearest<'a>(all: &'a [Comparison<'a>]) -> Vec<(&'a Comparison<'a>, Vec<&'stat
     cases
 }
 
-/// Where the bar is missed, and a table of all of it. Writing into a string cannot fail.
+/// Text of the misses, and a table of all of it. Writing into a string cannot fail.
 pub fn text(record: &Record<Row>) -> String {
     let all: Vec<Comparison> = record.scenes.iter().flat_map(comparisons).collect();
     let cases = nearest(&all);

@@ -1,5 +1,5 @@
-//! Chapter 4, what was before: clusters of patches that overlap, each with a matrix of its own (Martin 2010), beside the matrix of
-//! all patches. The chapter says that light may have edges where clusters meet.
+//! Chapter 4, what was before: clusters of patches that overlap, each with a matrix of its own (Martin 2010), beside
+//! the matrix of all patches. The chapter says that light may have edges where clusters meet.
 
 use glam::{Vec3, Vec4};
 use localmatrix::LocalMatrix;
@@ -17,7 +17,7 @@ use shell::operator_error::{exact_product, relative_error};
 
 /// Clusters: parts of the scene, halved across their longest side.
 const CLUSTERS: [usize; 4] = [1, 2, 4, 8];
-/// How far a cluster reaches beyond its own part, in shares of the longest side of the scene.
+/// Reach of a cluster beyond its own part, in shares of the longest side of the scene.
 const OVERLAPS: [f32; 3] = [0.0, 0.1, 0.2];
 /// Neighbours have normals with at least this cosine, and are at most so many times their edge apart.
 const ALIKE: f32 = 0.9;
@@ -31,12 +31,12 @@ struct Row {
     overlap: f32,
     /// Patches of the largest cluster.
     largest: usize,
-    /// Of all matrices, over those of the matrix of all patches.
+    /// Bytes of all matrices, over those of the matrix of all patches.
     bytes: f64,
     multiplications: f64,
     /// Processor seconds that the matrices took to make.
     made_s: f64,
-    /// Of the light of all patches beside that of the matrix of all.
+    /// Error of the light of all patches beside that of the matrix of all.
     error: f64,
     /// Steps of the light over that of the matrix of all, between neighbours of two clusters: median, 95th percentile.
     step: f64,
@@ -162,8 +162,8 @@ fn measure(subject: &Subject, whole: &[Vec4], clusters: usize, overlap: f32) -> 
     })
 }
 
-/// Steps between a patch and its nearest like neighbour of another part: the difference of light over that of the matrix of all.
-/// Median and 95th percentile; 0 where no parts meet.
+/// Steps between a patch and its nearest like neighbour of another part: the difference of light over that of the
+/// matrix of all. Median and 95th percentile; 0 where no parts meet.
 fn steps(subject: &Subject, whole: &[Vec4], found: &[Vec4], part_of: &[usize]) -> (f64, f64) {
     let patches = &subject.bake.mesh.patches;
     let ratio = |patch: usize| {

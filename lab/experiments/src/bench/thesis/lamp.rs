@@ -1,5 +1,5 @@
-//! Section 6.4: sampled light lags behind its lamps. For those that move and reach not far the thesis names small matrices of
-//! their own; here beside it, for a lamp that is carried through the scene.
+//! Section 6.4: sampled light lags behind its lamps. For those that move and reach not far the thesis names small
+//! matrices of their own; here beside it, for a lamp that is carried through the scene.
 
 use std::sync::Arc;
 
@@ -32,7 +32,7 @@ const SHARE: f32 = 0.25;
 const BEFORE: u32 = 64;
 /// Intensity of the lamp, W/sr. All errors are relative.
 const INTENSITY: f32 = 1.0;
-/// How far it reaches, in diagonals of the scene: its light is 0 from there on.
+/// Reach of a lamp, in diagonals of the scene: its light is 0 from there on.
 const REACH: f32 = 0.2;
 
 /// A way to find the lamp's light.
@@ -40,7 +40,7 @@ const REACH: f32 = 0.2;
 struct Row {
     patches: usize,
     way: String,
-    /// Of a frame, on average: multiplications of all channels, processor milliseconds.
+    /// Work of a frame, on average: multiplications of all channels, processor milliseconds.
     multiplications: f64,
     ms: f64,
     /// Relative L2 distance from the light of all bounces between all patches: median of the frames, greatest.
@@ -136,7 +136,7 @@ fn carry(study: &Study, subject: &Subject) -> Result<Carried, Error> {
     Ok(carried)
 }
 
-/// What is left of a lamp's light at a distance in shares of its reach: it ends there smoothly, as in games (Karis 2013).
+/// Share of a lamp's light at a distance in shares of its reach: it ends there smoothly, as in games (Karis 2013).
 fn within(distance: f32) -> f32 {
     (1.0 - distance.powi(4)).max(0.0).powi(2)
 }

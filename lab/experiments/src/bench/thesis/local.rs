@@ -27,7 +27,7 @@ const HYSTERESIS: f32 = 0.1;
 /// Pixels whose rays say what is visible.
 const PIXELS: (u32, u32) = (96, 54);
 
-/// What a frame takes, on average.
+/// Work of a frame, on average.
 #[derive(Serialize)]
 struct Row {
     patches: usize,
@@ -43,12 +43,12 @@ struct Row {
     /// Greatest relative error of the light of visible patches: beside all patches exactly.
     printed_error: f64,
     exact_error: f64,
-    /// The same of the printed matrix beside the exact one of the same patches: its first and its last frame.
+    /// Drift of the printed matrix beside the exact one of the same patches: its first and its last frame.
     first_drift: f64,
     last_drift: f64,
 }
 
-/// Of a frame: multiplications, and processor milliseconds, of changes and products.
+/// Work of a frame: multiplications, and processor milliseconds, of changes and products.
 #[derive(Clone, Copy, Default, Serialize)]
 struct Work {
     multiplications: f64,
@@ -178,7 +178,7 @@ pub(super) struct Flight<'a> {
     pub there: BTreeSet<u32>,
 }
 
-/// What a change took: multiplications and seconds of each matrix.
+/// Work of a change: multiplications and seconds of each matrix.
 pub(super) struct Change {
     entered: usize,
     pub printed: (u64, f64),

@@ -25,7 +25,7 @@ use shell::operator_error::{exact_product, relative_error};
 /// Bounces of the matrix, as in the thesis' measurements.
 const BOUNCES: u32 = 3;
 /// Most bounces of the curve.
-const MOST_BOUNCES: u32 = 8;
+const MAX_BOUNCES: u32 = 8;
 /// Products whose mean time counts.
 const ROUNDS: u32 = 8;
 /// Share of the entries that lie apart.
@@ -36,7 +36,7 @@ const DECADES: usize = 9;
 /// Bins of equal width.
 const LINEAR_BINS: usize = 24;
 /// Greatest edge of a picture, pixels.
-const MOST_PIXELS: usize = 512;
+const MAX_PIXELS: usize = 512;
 
 /// Patches with their form factors, and what they took.
 pub(super) struct Subject {
@@ -90,7 +90,7 @@ impl Subject {
     }
 }
 
-/// What work gives, and seconds of all processors.
+/// Result of some work, and seconds of all processors.
 pub(super) fn timed<T>(work: impl FnOnce() -> Result<T, Error>) -> Result<(T, f64), Error> {
     let start = ProcessTime::now();
     let result = work()?;
@@ -135,7 +135,7 @@ struct Histogram {
     /// Entries of bins of equal width up to the greatest.
     linear: Vec<usize>,
     greatest: f32,
-    /// What the greatest 5 % exceed, and their share of the sum.
+    /// Threshold that the greatest 5 % exceed, and their share of the sum.
     threshold: f32,
     share_of_sum: f64,
 }
@@ -277,7 +277,7 @@ pub(super) fn compression(study: &Study) -> Result<Outcome, Error> {
                         row.iter_mut().zip(right).for_each(|(entry, right)| *entry = (*entry - right).abs());
                     }
                 };
-                pictures.push(picture(n, &difference, order, MOST_PIXELS));
+                pictures.push(picture(n, &difference, order, MAX_PIXELS));
             }
         }
     }
@@ -307,7 +307,7 @@ fn write_errors(study: &Study, n: usize, errors: &[Vec<Vec3>]) -> Result<(), Err
     let mut greatest: Vec<f32> = first.iter().map(|error| error.max_element()).collect();
     greatest.sort_by(f32::total_cmp);
     let white = greatest.get(greatest.len() * 199 / 200).copied().unwrap_or(1.0).max(f32::MIN_POSITIVE);
-    let edge = n.min(MOST_PIXELS) as u32;
+    let edge = n.min(MAX_PIXELS) as u32;
     let picture = |pixels: &Vec<Vec3>| {
         Picture::from_pixels(edge, edge, pixels.iter().map(|error| (*error / white).min(Vec3::ONE)).collect())
     };
@@ -317,7 +317,7 @@ fn write_errors(study: &Study, n: usize, errors: &[Vec<Vec3>]) -> Result<(), Err
     Ok(())
 }
 
-/// What so many bounces take.
+/// Work of so many bounces.
 #[derive(Serialize)]
 struct Bounce {
     bounces: u32,
@@ -346,7 +346,7 @@ pub(super) fn bounces(study: &Study) -> Result<Outcome, Error> {
         matrix_ms,
         bc1_ms,
     };
-    let found: Vec<Bounce> = (1..=MOST_BOUNCES).map(line).collect();
+    let found: Vec<Bounce> = (1..=MAX_BOUNCES).map(line).collect();
     let cells = |row: &Bounce| {
         std::iter::once(row.bounces.to_string())
             .chain([row.dense_ms, row.sparse_ms, row.matrix_ms, row.bc1_ms].map(significant))
@@ -395,13 +395,13 @@ pub(super) fn bounces(study: &Study) -> Result<Outcome, Error> {
     Ok(Outcome { rows: value(&found), tables: vec![table], plots: vec![("bounces", plot)] })
 }
 
-/// What a matrix takes.
+/// Size of a matrix.
 #[derive(Serialize)]
 struct Size {
     patches: usize,
     what: &'static str,
     bytes: u64,
-    /// Of one number of single precision for each pair of patches.
+    /// Share of one number of single precision for each pair of patches.
     share: f64,
     /// Processor seconds, over those of patches and form factors.
     preparation: Option<f64>,

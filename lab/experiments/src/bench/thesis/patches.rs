@@ -36,7 +36,7 @@ struct Row {
     /// Median error of blocks, and SSIM, as it is.
     block_median: f64,
     ssim: f64,
-    /// The same of the picture with the mean of the reference.
+    /// Median block error of the picture scaled to the mean of the reference.
     scaled_block_median: f64,
     scaled_ssim: f64,
 }

@@ -30,9 +30,9 @@ struct Row {
     /// Links, and pairs of parts without them.
     links: Option<(usize, usize)>,
     bytes: u64,
-    /// Of all processors.
+    /// Time of all processors.
     ms: f64,
-    /// Of the irradiance beside elimination, L2 by area.
+    /// Error of the irradiance beside elimination, L2 by area.
     error: f64,
 }
 

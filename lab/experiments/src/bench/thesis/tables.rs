@@ -1,5 +1,5 @@
-//! Tables 1 and 2: sampled light beside products with the form factors, their time over the number of patches and their errors
-//! against path tracing. Table 3 is `bench table3`.
+//! Tables 1 and 2: sampled light beside products with the form factors, their time over the number of patches and their
+//! errors against path tracing. Table 3 is `bench table3`.
 
 use reference::PictureErrors;
 use serde::Serialize;
@@ -19,7 +19,7 @@ use patchlight::MethodSettings;
 use patchlight::method::TemporalSettings;
 use patchlight::method::temporal::RowKind;
 
-/// What table 1 prints, on a graphics processor: patches, ms of the product, ms of sampled light.
+/// Values that table 1 prints, on a graphics processor: patches, ms of the product, ms of sampled light.
 const PRINTED: [(usize, f64, f64); 4] =
     [(1736, 0.34, 0.02), (5485, 2.94, 0.04), (8786, 7.34, 0.06), (10_422, 12.01, 0.08)];
 /// Patches that are as many as printed if they differ by no more than this share.
@@ -32,9 +32,9 @@ const LIST_ENTRIES: usize = 1024;
 /// Frames whose mean counts.
 const ROUNDS: u32 = 8;
 /// Bytes of the largest dense matrix that is made.
-const MOST_DENSE: usize = 2_000_000_000;
+const MAX_DENSE: usize = 2_000_000_000;
 
-/// Of a row of table 1: processor milliseconds, bytes that a product reads.
+/// Times of a row of table 1: processor milliseconds, bytes that a product reads.
 #[derive(Serialize)]
 struct Times {
     patches: usize,
@@ -45,7 +45,7 @@ struct Times {
     changes_ms: f64,
     dense_bytes: u64,
     sparse_bytes: u64,
-    /// What is printed for as many patches: product, sampled light.
+    /// Printed values for as many patches: product, sampled light.
     printed_ms: Option<(f64, f64)>,
 }
 
@@ -111,7 +111,7 @@ fn times(study: &Study, subject: &Subject) -> Result<Times, Error> {
     let factors: &Csr = &subject.bake.form_factors.factors;
     let n = factors.columns;
     let dense_bytes = n * n * size_of::<f32>();
-    let dense = (dense_bytes <= MOST_DENSE).then(|| dense(factors));
+    let dense = (dense_bytes <= MAX_DENSE).then(|| dense(factors));
     let (tables, lists) = sampled_rows(factors)?;
     let seed = study.common.seed;
     Ok(Times {
