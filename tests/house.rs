@@ -237,8 +237,8 @@ fn openings(text: &str) -> (usize, Vec<String>) {
             let opening = line[3..].trim_start();
             let words = ["What", "Whether", "How", "Where", "Of", "The same"];
             let is_riddle =
-                |word: &&str| opening.strip_prefix(**word).is_some_and(|rest| rest.starts_with([' ', ',', '.']));
-            if words.iter().any(|word| is_riddle(&word)) {
+                |word: &str| opening.strip_prefix(word).is_some_and(|rest| rest.starts_with([' ', ',', '.']));
+            if words.into_iter().any(is_riddle) {
                 riddles.push(opening.to_owned());
             }
         }

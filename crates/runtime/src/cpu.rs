@@ -1,14 +1,14 @@
 //! Native code: each pass by the host form of its kernel, on all cores. Needs no driver.
 
-use std::collections::VecDeque;
+use std::collections::{HashMap, VecDeque};
 use std::fmt;
 use std::sync::Arc;
 use std::time::Instant;
 
 use gpu_kernels::host::{HostBinding, HostCall};
 
-use crate::executor::{DeviceInfo, DeviceKind, Executor, ExecutorError, KEPT_TIMES, PassTime};
-use crate::graph::Graph;
+use crate::executor::{DeviceInfo, DeviceKind, Executor, ExecutorError, KEPT_TIMES, PassTime, ReadId};
+use crate::graph::{Graph, Slot};
 use crate::plan::{Bound, BufferId, BufferKind, Pass, PassId, Plan};
 use crate::recipe::Table;
 
@@ -19,6 +19,9 @@ pub struct Cpu {
     memory: Vec<Block>,
     /// Times of submitted passes until they are asked for.
     finished: VecDeque<Vec<PassTime>>,
+    /// Bytes of reads until they are asked for, and the number of reads so far.
+    reads: HashMap<ReadId, Vec<u8>>,
+    read_count: u64,
 }
 
 /// Bytes on a 16-byte boundary, as every table needs: zeros until something is written, or a table that is shared.
@@ -93,7 +96,14 @@ impl Cpu {
             missing_feature: None,
             has_validation: false,
         };
-        Self { info, graph: Graph::default(), memory: Vec::new(), finished: VecDeque::new() }
+        Self {
+            info,
+            graph: Graph::default(),
+            memory: Vec::new(),
+            finished: VecDeque::new(),
+            reads: HashMap::new(),
+            read_count: 0,
+        }
     }
 
     fn run_pass(&mut self, id: PassId) -> Result<(), ExecutorError> {
@@ -167,14 +177,22 @@ impl Executor for Cpu {
         self.memory.clear();
         self.graph = Graph::default();
         let graph = Graph::new(plan);
-        let mut memory = Vec::with_capacity(graph.slots().len());
-        for slot in graph.slots() {
-            memory.push(Block::new(slot.bytes).ok_or_else(|| ExecutorError::OutOfMemory {
-                buffer: graph.plan().buffers()[slot.buffer.0].name.clone(),
-                bytes: slot.bytes,
-            })?);
-        }
-        (self.graph, self.memory) = (graph, memory);
+        self.memory = blocks(&graph, 0)?;
+        self.graph = graph;
+        Ok(())
+    }
+
+    fn load_after(&mut self, plan: Plan, section: usize) -> Result<(), ExecutorError> {
+        let mut kept = self.graph.plan().clone();
+        kept.truncate(section);
+        let kept = self.graph.replaced_after(kept, section)?;
+        let graph = self.graph.replaced_after(plan, section)?;
+        let first = kept.slots_before(section);
+        // The memory of what is replaced goes first.
+        self.memory.truncate(first);
+        self.graph = kept;
+        self.memory.extend(blocks(&graph, first)?);
+        self.graph = graph;
         Ok(())
     }
 
@@ -248,6 +266,29 @@ impl Executor for Cpu {
         block.make_ready();
         Ok(block.bytes()[..bytes].to_vec())
     }
+
+    fn begin_read(&mut self, buffer: BufferId) -> Result<ReadId, ExecutorError> {
+        let bytes = self.download(buffer)?;
+        let read = ReadId(self.read_count);
+        self.read_count += 1;
+        self.reads.insert(read, bytes);
+        Ok(read)
+    }
+
+    fn try_read(&mut self, read: ReadId) -> Result<Option<Vec<u8>>, ExecutorError> {
+        Ok(self.reads.remove(&read))
+    }
+}
+
+/// Memory of the slots of a graph from number `first` on.
+fn blocks(graph: &Graph, first: usize) -> Result<Vec<Block>, ExecutorError> {
+    let block = |slot: &Slot| {
+        Block::new(slot.bytes).ok_or_else(|| ExecutorError::OutOfMemory {
+            buffer: graph.plan().buffers()[slot.buffer.0].name.clone(),
+            bytes: slot.bytes,
+        })
+    };
+    graph.slots()[first..].iter().map(block).collect()
 }
 
 /// The processor as Linux names it; elsewhere its architecture.

@@ -212,6 +212,10 @@ pub struct PassTime {
     pub milliseconds: f64,
 }
 
+/// A read that was begun with [`Executor::begin_read`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct ReadId(pub(crate) u64);
+
 /// Submissions whose times are kept for a caller that does not ask; older ones are dropped.
 pub(crate) const KEPT_TIMES: usize = 64;
 
@@ -229,6 +233,14 @@ pub trait Executor: Send {
     /// # Errors
     /// Out of memory; a buffer or pass that exceeds a limit of the device. No plan is loaded then.
     fn load(&mut self, plan: Plan) -> Result<(), ExecutorError>;
+
+    /// Replaces the loaded plan from `section` on by what `plan` has there; `plan` begins as the loaded one does. What
+    /// is before the section stays as it is: buffers, contents, push constants. Waits for everything submitted.
+    ///
+    /// # Errors
+    /// [`PlanError::OtherSections`], and nothing changes; as [`Executor::load`], and only what is before the section
+    /// stays loaded.
+    fn load_after(&mut self, plan: Plan, section: usize) -> Result<(), ExecutorError>;
 
     /// The loaded plan.
     fn plan(&self) -> &Plan;
@@ -300,6 +312,23 @@ pub trait Executor: Send {
     /// # Errors
     /// A scratch buffer, an unknown buffer; what the device says.
     fn download(&mut self, buffer: BufferId) -> Result<Vec<u8>, ExecutorError>;
+
+    /// Begins to copy a buffer to the host, after everything submitted before; nothing is waited for.
+    ///
+    /// # Errors
+    /// As [`Executor::download`]; a caller's command buffer is being recorded.
+    fn begin_read(&mut self, buffer: BufferId) -> Result<ReadId, ExecutorError>;
+
+    /// The bytes of a read, once and as soon as they have arrived; `None` before, and for a read that gave its bytes.
+    ///
+    /// # Errors
+    /// What the device says.
+    fn try_read(&mut self, read: ReadId) -> Result<Option<Vec<u8>>, ExecutorError>;
+
+    /// Returns true while a caller's command buffer is being recorded: nothing can be read then.
+    fn is_recording(&self) -> bool {
+        false
+    }
 
     /// The Vulkan executor, if it is one: to record into a caller's command buffer and to hand out device buffers.
     #[cfg(feature = "vulkan")]

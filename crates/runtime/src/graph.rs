@@ -37,13 +37,43 @@ pub struct Graph {
 const EMPTY_BYTES: u64 = 256;
 
 impl Graph {
-    /// Derives the slots of a plan.
+    /// Derives the slots of a plan, section by section: those of a section follow from it alone.
     pub fn new(plan: Plan) -> Self {
+        let mut graph = Self { slot_of: vec![0; plan.buffers().len()], ..Self::default() };
         let lifetimes = lifetimes(&plan);
-        let mut slots: Vec<Slot> = Vec::new();
-        let mut slot_of = vec![0; plan.buffers().len()];
-        // Scratch buffers in order of their first use take the first slot that is free again.
-        let mut order: Vec<usize> = (0..plan.buffers().len()).collect();
+        for section in 0..plan.section_count() {
+            let buffers = plan.section_start(section).buffers..plan.section_start(section + 1).buffers;
+            graph.add_slots(&plan, &lifetimes, buffers);
+        }
+        graph.written = plan.buffers().iter().map(|b| b.bytes == 0).collect();
+        graph.plan = plan;
+        graph
+    }
+
+    /// The graph of a plan that begins as this one's does: what is before `section` keeps its slots, its push constants
+    /// and what is known of its contents.
+    ///
+    /// # Errors
+    /// [`PlanError::OtherSections`].
+    pub fn replaced_after(&self, mut plan: Plan, section: usize) -> Result<Self, PlanError> {
+        plan.keep_passes(&self.plan, section)?;
+        let kept = plan.section_start(section).buffers;
+        let mut graph = Self::new(plan);
+        graph.written[..kept].copy_from_slice(&self.written[..kept]);
+        Ok(graph)
+    }
+
+    /// Number of slots of the buffers before a section.
+    pub fn slots_before(&self, section: usize) -> usize {
+        let buffers = self.plan.section_start(section).buffers;
+        self.slot_of[..buffers].iter().max().map_or(0, |last| last + 1)
+    }
+
+    /// Gives slots to the buffers of a section. Scratch buffers, in order of their first use, take the first slot of
+    /// the section that is free again.
+    fn add_slots(&mut self, plan: &Plan, lifetimes: &[Option<(usize, usize)>], buffers: std::ops::Range<usize>) {
+        let first_slot = self.slots.len();
+        let mut order: Vec<usize> = buffers.collect();
         order.sort_by_key(|&k| lifetimes[k].map_or(0, |(first, _)| first));
         let mut busy_until: Vec<Option<usize>> = Vec::new();
         for k in order {
@@ -52,19 +82,18 @@ impl Graph {
             let scratch = spec.kind == BufferKind::Scratch;
             let (first, last) = lifetimes[k].unwrap_or((0, 0));
             let free = busy_until.iter().position(|end| scratch && end.is_some_and(|end| end < first));
-            let slot = free.unwrap_or_else(|| {
-                slots.push(Slot { buffer: BufferId(k), bytes: 0 });
+            let of_section = free.unwrap_or_else(|| {
+                self.slots.push(Slot { buffer: BufferId(k), bytes: 0 });
                 busy_until.push(None);
-                slots.len() - 1
+                busy_until.len() - 1
             });
-            if bytes > slots[slot].bytes {
-                slots[slot] = Slot { buffer: BufferId(k), bytes };
+            let slot = first_slot + of_section;
+            if bytes > self.slots[slot].bytes {
+                self.slots[slot] = Slot { buffer: BufferId(k), bytes };
             }
-            busy_until[slot] = scratch.then_some(last);
-            slot_of[k] = slot;
+            busy_until[of_section] = scratch.then_some(last);
+            self.slot_of[k] = slot;
         }
-        let written = plan.buffers().iter().map(|b| b.bytes == 0).collect();
-        Self { plan, slots, slot_of, written }
     }
 
     /// The plan.

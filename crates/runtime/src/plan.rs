@@ -222,6 +222,20 @@ pub enum PlanError {
         /// The buffer.
         buffer: String,
     },
+    /// A pass binds a scratch buffer of an earlier section, whose contents end with that section.
+    #[error("pass `{pass}`: `{buffer}` is a scratch buffer of an earlier section; make it a storage buffer")]
+    EarlierScratch {
+        /// The pass.
+        pass: String,
+        /// The buffer.
+        buffer: String,
+    },
+    /// A plan that does not begin as the loaded one does.
+    #[error("the plan differs from the loaded one before its section {section}, which alone was to be replaced")]
+    OtherSections {
+        /// Number of the first section that was to be replaced.
+        section: usize,
+    },
     /// An id of another plan.
     #[error("there is no {what} {index} in this plan of {count}")]
     Unknown {
@@ -234,17 +248,80 @@ pub enum PlanError {
     },
 }
 
-/// Buffers and passes of a frame.
+/// Buffers and passes of a frame, in one or more sections.
+///
+/// Sections separate parts of a frame that change at different times: an executor replaces the last ones and keeps the
+/// buffers of those before, with their contents ([`crate::executor::Executor::load_after`]). Passes of a section bind
+/// buffers of any section before; scratch buffers share memory with others of their section only.
 #[derive(Clone, Debug, Default)]
 pub struct Plan {
     buffers: Vec<BufferSpec>,
     passes: Vec<Pass>,
+    /// Beginnings of the sections after the first.
+    sections: Vec<SectionStart>,
+}
+
+/// Number of buffers and passes before a section.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) struct SectionStart {
+    pub buffers: usize,
+    pub passes: usize,
 }
 
 impl Plan {
     /// An empty plan.
     pub fn new() -> Self {
         Self::default()
+    }
+
+    /// Begins a section and gives its number, at least 1: what is added from now on belongs to it.
+    pub fn begin_section(&mut self) -> usize {
+        self.sections.push(SectionStart { buffers: self.buffers.len(), passes: self.passes.len() });
+        self.sections.len()
+    }
+
+    /// Number of sections, at least 1.
+    pub fn section_count(&self) -> usize {
+        self.sections.len() + 1
+    }
+
+    /// Removes all sections from number `section` on.
+    pub fn truncate(&mut self, section: usize) {
+        let start = self.section_start(section);
+        self.buffers.truncate(start.buffers);
+        self.passes.truncate(start.passes);
+        self.sections.truncate(section.saturating_sub(1));
+    }
+
+    /// Buffers and passes before a section; all for a section that there is not.
+    pub(crate) fn section_start(&self, section: usize) -> SectionStart {
+        match section.checked_sub(1) {
+            None => SectionStart::default(),
+            Some(index) => self.sections.get(index).copied().unwrap_or_else(|| self.end()),
+        }
+    }
+
+    fn end(&self) -> SectionStart {
+        SectionStart { buffers: self.buffers.len(), passes: self.passes.len() }
+    }
+
+    /// Takes over the passes of a loaded plan before a section, with their push constants and numbers of invocations.
+    ///
+    /// # Errors
+    /// [`PlanError::OtherSections`] unless both plans have the same buffers and passes there.
+    pub(crate) fn keep_passes(&mut self, loaded: &Self, section: usize) -> Result<(), PlanError> {
+        let start = self.section_start(section);
+        let is_like = |(own, other): (&Pass, &Pass)| {
+            std::ptr::eq(own.kernel, other.kernel) && own.name == other.name && own.bound == other.bound
+        };
+        let is_same = loaded.section_start(section) == start
+            && self.buffers[..start.buffers] == loaded.buffers[..start.buffers]
+            && self.passes[..start.passes].iter().zip(&loaded.passes[..start.passes]).all(is_like);
+        if !is_same {
+            return Err(PlanError::OtherSections { section });
+        }
+        self.passes[..start.passes].clone_from_slice(&loaded.passes[..start.passes]);
+        Ok(())
     }
 
     /// Adds a buffer that keeps its contents. With 0 bytes it is bound as one element of zeros and needs no upload.
@@ -313,6 +390,13 @@ impl Plan {
         let mut bound = Vec::with_capacity(bindings.len());
         for (range, binding) in bindings.iter().zip(kernel.bindings) {
             bound.push(self.bind(&name, range, binding)?);
+        }
+        let first_own = self.sections.last().map_or(0, |start| start.buffers);
+        let is_earlier_scratch =
+            |b: &&Bound| b.buffer.0 < first_own && self.buffers[b.buffer.0].kind == BufferKind::Scratch;
+        if let Some(earlier) = bound.iter().find(is_earlier_scratch) {
+            let buffer = self.buffers[earlier.buffer.0].name.clone();
+            return Err(PlanError::EarlierScratch { pass: name, buffer });
         }
         for (k, a) in bound.iter().enumerate() {
             if bound[..k].iter().any(|b| a.buffer == b.buffer && (a.writes || b.writes) && a.overlaps(b)) {

@@ -15,6 +15,7 @@ mod memory;
 mod messages;
 mod pipeline;
 mod queue;
+mod reads;
 mod recording;
 mod resource;
 mod sets;
@@ -34,12 +35,13 @@ use self::device::{Device, Instance};
 use self::features::BLOCK_IMAGES;
 use self::pipeline::Pipeline;
 use self::queue::{Queue, Ticket};
+use self::reads::Reads;
 use self::recording::Recordings;
 use self::resource::Resource;
 use self::sets::Sets;
 use self::staging::{STAGING_BYTES, Staging, record_download};
 use self::work::Work;
-use crate::executor::{DeviceChoice, DeviceInfo, Executor, ExecutorError, PassTime};
+use crate::executor::{DeviceChoice, DeviceInfo, Executor, ExecutorError, PassTime, ReadId};
 use crate::graph::Graph;
 use crate::plan::{BufferId, BufferKind, Pass, PassId, Plan};
 
@@ -74,6 +76,7 @@ pub struct Vulkan {
     /// By the address of the kernel's row.
     pipelines: HashMap<usize, Arc<Pipeline>>,
     to_host: Option<Buffer>,
+    reads: Reads,
     graph: Graph,
     device: Arc<Device>,
     host_clock: bool,
@@ -126,6 +129,7 @@ impl Vulkan {
             resources: Vec::new(),
             pipelines: HashMap::new(),
             to_host: None,
+            reads: Reads::default(),
             graph: Graph::default(),
             host_clock: !device.info.has_timestamps,
             device,
@@ -181,9 +185,11 @@ impl Vulkan {
         }
     }
 
-    fn make_resources(&self, graph: &Graph) -> Result<Vec<Resource>, Error> {
-        let mut resources = Vec::with_capacity(graph.slots().len());
-        for slot in graph.slots() {
+    /// Resources of the slots of a graph from number `first` on.
+    fn make_resources(&self, graph: &Graph, first: usize) -> Result<Vec<Resource>, Error> {
+        let slots = &graph.slots()[first..];
+        let mut resources = Vec::with_capacity(slots.len());
+        for slot in slots {
             let spec = &graph.plan().buffers()[slot.buffer.0];
             resources.push(match spec.kind {
                 BufferKind::Image { format, width, height } => {
@@ -249,26 +255,41 @@ impl Vulkan {
         Ok(pipeline)
     }
 
-    fn load_graph(&mut self, graph: Graph) -> Result<(), Error> {
+    /// Loads a graph whose first `kept` slots are those of the loaded one. Nothing is in flight.
+    fn load_graph(&mut self, graph: Graph, kept: usize) -> Result<(), Error> {
         let plan = graph.plan();
         for pass in plan.passes() {
             self.check_pass(plan, pass)?;
         }
-        let mut pipelines = Vec::with_capacity(plan.passes().len());
-        for pass in plan.passes() {
-            pipelines.push(self.pipeline(pass.kernel)?);
-        }
-        self.resources = self.make_resources(&graph)?;
+        let pipelines = self.pipelines_of(plan)?;
+        let resources = self.make_resources(&graph, kept)?;
+        self.resources.extend(resources);
         self.graph = graph;
-        self.initialise_resources()?;
+        self.initialise_resources(kept)?;
         self.sets = Some(Sets::new(&self.device, &self.graph, &self.resources, pipelines)?);
         self.device.check_messages()
     }
 
-    /// Fills new buffers and pictures with zeros and brings pictures into the layout that kernels fetch from.
-    fn initialise_resources(&mut self) -> Result<(), Error> {
-        let resources = &self.resources;
-        // SAFETY: the resources go in `unload`, which waits first.
+    fn pipelines_of(&mut self, plan: &Plan) -> Result<Vec<Arc<Pipeline>>, Error> {
+        plan.passes().iter().map(|pass| self.pipeline(pass.kernel)).collect()
+    }
+
+    /// Lets go of the loaded plan from a section on. Nothing is in flight.
+    fn unload_after(&mut self, section: usize) -> Result<(), ExecutorError> {
+        let mut plan = self.graph.plan().clone();
+        plan.truncate(section);
+        let graph = self.graph.replaced_after(plan, section)?;
+        self.sets = None;
+        self.resources.truncate(graph.slots_before(section));
+        self.graph = graph;
+        Ok(())
+    }
+
+    /// Fills new buffers and pictures, from slot `first` on, with zeros and brings pictures into the layout that
+    /// kernels fetch from.
+    fn initialise_resources(&mut self, first: usize) -> Result<(), Error> {
+        let resources = &self.resources[first..];
+        // SAFETY: the resources go in `unload` and `unload_after`, before which everything in flight is waited for.
         unsafe {
             self.queue.submit(Vec::new(), |commands, _, _| {
                 for resource in resources {
@@ -276,7 +297,7 @@ impl Vulkan {
                 }
             })?;
         }
-        for slot in 0..self.resources.len() {
+        for slot in first..self.resources.len() {
             if self.resources[slot].is_blocks() {
                 self.clear_slot(slot)?;
             }
@@ -418,9 +439,27 @@ impl Executor for Vulkan {
     fn load(&mut self, plan: Plan) -> Result<(), ExecutorError> {
         self.recordings.refuse("load")?;
         self.unload()?;
-        if let Err(error) = self.load_graph(Graph::new(plan)) {
+        if let Err(error) = self.load_graph(Graph::new(plan), 0) {
             // The first error says more than what follows from it.
             let _ = self.unload();
+            return Err(error.into());
+        }
+        Ok(())
+    }
+
+    fn load_after(&mut self, plan: Plan, section: usize) -> Result<(), ExecutorError> {
+        self.recordings.refuse("load_after")?;
+        let graph = self.graph.replaced_after(plan, section)?;
+        let kept = graph.slots_before(section);
+        // Uploads so far are for buffers that may stay.
+        self.submit_untimed(&[])?;
+        self.queue.finish()?;
+        self.unload_after(section)?;
+        if let Err(error) = self.load_graph(graph, kept) {
+            self.queue.finish()?;
+            self.unload_after(section)?;
+            let pipelines = self.pipelines_of(&self.graph.plan().clone())?;
+            self.sets = Some(Sets::new(&self.device, &self.graph, &self.resources, pipelines)?);
             return Err(error.into());
         }
         Ok(())
@@ -496,6 +535,36 @@ impl Executor for Vulkan {
         let bytes = self.download_slot(self.graph.slot_of(buffer), bytes)?;
         self.device.check_messages()?;
         Ok(bytes)
+    }
+
+    fn begin_read(&mut self, buffer: BufferId) -> Result<ReadId, ExecutorError> {
+        self.recordings.refuse("begin_read")?;
+        let bytes = self.graph.check_download(buffer)?;
+        let host = self.reads.buffer(&self.device, bytes)?;
+        let resource = &self.resources[self.graph.slot_of(buffer)];
+        let resources = &self.resources;
+        // SAFETY: the resources go in `unload` and `unload_after`, the host's buffer when its read is done; before each,
+        // this submission is waited for.
+        let submitted = unsafe {
+            self.queue.submit(Vec::new(), |commands, staging, _| {
+                staging.record(commands, resources);
+                record_download(commands, resource, &host, 0, bytes);
+            })
+        };
+        submitted?;
+        let read = self.reads.add(host, bytes, self.queue.last_number());
+        self.device.check_messages()?;
+        Ok(read)
+    }
+
+    fn try_read(&mut self, read: ReadId) -> Result<Option<Vec<u8>>, ExecutorError> {
+        self.queue.poll()?;
+        self.device.check_messages()?;
+        Ok(self.reads.take(read, &self.queue))
+    }
+
+    fn is_recording(&self) -> bool {
+        self.recordings.is_open()
     }
 
     fn as_vulkan(&mut self) -> Option<&mut Vulkan> {

@@ -26,6 +26,9 @@ pub(super) struct Queue {
     next: usize,
     /// Times of the passes of finished submissions, one entry each, until they are asked for.
     finished: VecDeque<Vec<PassTime>>,
+    /// Number of submissions so far, and of those that are finished: they finish in their order.
+    submitted: u64,
+    done: u64,
 }
 
 /// One place of the ring.
@@ -33,6 +36,8 @@ struct Submission {
     commands: vk::CommandBuffer,
     fence: vk::Fence,
     is_in_flight: bool,
+    /// Its number among all submissions, from 1.
+    number: u64,
     staging: Staging,
     queries: vk::QueryPool,
     query_capacity: u32,
@@ -52,6 +57,8 @@ impl Queue {
             ring: Vec::new(),
             next: 0,
             finished: VecDeque::new(),
+            submitted: 0,
+            done: 0,
         };
         let create = vk::CommandPoolCreateInfo::default()
             .queue_family_index(device.family)
@@ -92,6 +99,7 @@ impl Queue {
             commands: vk::CommandBuffer::null(),
             fence,
             is_in_flight: false,
+            number: 0,
             staging: Staging::new(&self.device),
             queries: vk::QueryPool::null(),
             query_capacity: 0,
@@ -174,10 +182,22 @@ impl Queue {
             submission.staging.reset();
             return Err(error);
         }
+        self.submitted += 1;
         submission.is_in_flight = true;
+        submission.number = self.submitted;
         submission.names = names;
         self.next = (index + 1) % self.ring.len();
         Ok(Ticket(index))
+    }
+
+    /// Number of the last submission.
+    pub fn last_number(&self) -> u64 {
+        self.submitted
+    }
+
+    /// Returns true if the submission of a number is known to have finished; [`Queue::poll`] asks the device.
+    pub fn is_done(&self, number: u64) -> bool {
+        number <= self.done
     }
 
     /// Waits for a submission and all before it; gives the times of its passes.
@@ -268,6 +288,7 @@ impl Queue {
         }
         submission.is_in_flight = false;
         submission.staging.reset();
+        self.done = self.done.max(submission.number);
         waited.map_err(Error::call("vkWaitForFences"))?;
         // SAFETY: the fence is signalled and not in use.
         unsafe { raw.reset_fences(&[submission.fence]) }.map_err(Error::call("vkResetFences"))

@@ -32,6 +32,11 @@ impl Recordings {
         self.staging.get_mut(self.current?.frame)
     }
 
+    /// Returns true while a caller's command buffer is being recorded.
+    pub fn is_open(&self) -> bool {
+        self.current.is_some()
+    }
+
     /// Refuses a call that waits for the device while a caller's command buffer is being recorded.
     pub fn refuse(&self, call: &'static str) -> Result<(), Error> {
         if self.current.is_some() { Err(Error::Recording { call }) } else { Ok(()) }
