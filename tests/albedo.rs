@@ -8,10 +8,10 @@ use glam::{Vec3, Vec4};
 use integration_tests::setup::Setup;
 use integration_tests::vulkan;
 use patches::PatchKind;
+use patchlight::low_level::operator::Codec;
 use patchlight::method::temporal::RowKind;
 use patchlight::method::{FeedbackSettings, FirstShotSettings, LocalSettings, TemporalSettings};
-use patchlight::operator::Codec;
-use patchlight::{Bake, Error, MethodSettings, Picture, ReceiverKind, Renderer, Silent};
+use patchlight::{Bake, Error, MethodSettings, Picture, PictureRenderer, ReceiverKind, Silent};
 use runtime::cpu::Cpu;
 use runtime::executor::Executor;
 use scene::math::luminance;
@@ -42,11 +42,11 @@ fn cpu() -> Box<dyn Executor> {
     Box::new(Cpu::new())
 }
 
-fn picture(renderer: &mut Renderer, loaded: &LoadedScene, lighting: &Lighting) -> Picture {
+fn picture(renderer: &mut PictureRenderer, loaded: &LoadedScene, lighting: &Lighting) -> Picture {
     renderer.picture(lighting, &loaded.view.camera(SIZE.0, SIZE.1), 0).unwrap().pictures.indirect
 }
 
-fn settled(renderer: &mut Renderer, loaded: &LoadedScene) -> Picture {
+fn settled(renderer: &mut PictureRenderer, loaded: &LoadedScene) -> Picture {
     let lighting = &loaded.scene.lighting;
     for _ in 0..SETTLING {
         renderer.update_light(lighting, &loaded.view.camera(SIZE.0, SIZE.1)).unwrap();
@@ -117,7 +117,7 @@ fn another_albedo_gives_the_picture_of_the_edited_scene() {
         let bake = setup.bake(&loaded).unwrap();
         let mut renderer = setup.load(&loaded, &bake, cpu()).unwrap();
         let before = settled(&mut renderer, &loaded);
-        renderer.set_albedo(&changed).unwrap();
+        renderer.light_mut().set_albedo(&changed).unwrap();
         let after = settled(&mut renderer, &loaded);
         // More bounces than either has.
         let other = edited(&bake, &changed, 2 * bake.bounces + 16);
@@ -128,7 +128,7 @@ fn another_albedo_gives_the_picture_of_the_edited_scene() {
         assert!(unchanged > 20.0 * TOLERANCE, "{kind:?} {method:?}: as before: {unchanged}");
         // Half of the way is noticed, too.
         let half: Vec<_> = changed.iter().map(|albedo| albedo.map(|albedo| 0.9 * albedo)).collect();
-        renderer.set_albedo(&half).unwrap();
+        renderer.light_mut().set_albedo(&half).unwrap();
         let wrong = difference(&settled(&mut renderer, &loaded), &expected);
         assert!(wrong > 2.0 * TOLERANCE, "{kind:?} {method:?}: nine tenths of it: {wrong}");
     }
@@ -147,7 +147,7 @@ fn a_furnace_has_the_light_of_its_new_albedo() {
         let mut renderer = Setup { method, ..setup }.load(&loaded, &bake, cpu()).unwrap();
         let own = settled(&mut renderer, &loaded).mean();
         for albedo in [Vec3::new(0.9, 0.2, 0.6), Vec3::new(0.3, 0.1, 0.8)] {
-            renderer.set_albedo(&vec![Some(albedo); loaded.scene.materials.len()]).unwrap();
+            renderer.light_mut().set_albedo(&vec![Some(albedo); loaded.scene.materials.len()]).unwrap();
             let found = settled(&mut renderer, &loaded).mean() / own;
             let expected = indirect(albedo) / indirect(material.albedo);
             let wrong = (found / expected - Vec3::ONE).abs().max_element();
@@ -166,7 +166,7 @@ fn an_albedo_on_the_device_gives_the_bits_of_the_processor() {
     let pictures = |executor: Box<dyn Executor>| {
         let mut renderer = setup.load(&loaded, &bake, executor).unwrap();
         let mut pictures = vec![bits(&picture(&mut renderer, &loaded, &loaded.scene.lighting))];
-        renderer.set_albedo(&changed).unwrap();
+        renderer.light_mut().set_albedo(&changed).unwrap();
         for _ in 0..3 {
             pictures.push(bits(&picture(&mut renderer, &loaded, &loaded.scene.lighting)));
         }
@@ -186,19 +186,19 @@ fn the_albedo_of_the_bake_comes_back() {
     let mut renderer = setup.load(&loaded, &bake, cpu()).unwrap();
     let before = bits(&picture(&mut renderer, &loaded, lighting));
     let changed = white_to_green(&loaded);
-    renderer.set_albedo(&changed).unwrap();
+    renderer.light_mut().set_albedo(&changed).unwrap();
     let green = bits(&picture(&mut renderer, &loaded, lighting));
     assert_ne!(green, before);
     // It outlasts other plans and other emission.
-    renderer.set_picture(SIZE, 1).unwrap();
+    renderer.resize(SIZE, 1).unwrap();
     renderer.set_method(MethodSettings::Temporal(TemporalSettings::default()), &Silent).unwrap();
     let emission = loaded.scene.materials.iter().map(|material| 2.0 * material.radiance).collect();
     picture(&mut renderer, &loaded, &Lighting { emission, ..lighting.clone() });
-    renderer.set_picture(SIZE, setup.sub_frames).unwrap();
+    renderer.resize(SIZE, setup.sub_frames).unwrap();
     renderer.set_method(MethodSettings::Classic, &Silent).unwrap();
     let again = picture(&mut renderer, &loaded, lighting);
     assert!(bits(&again) == green, "other plans");
-    renderer.set_albedo(&vec![None; changed.len()]).unwrap();
+    renderer.light_mut().set_albedo(&vec![None; changed.len()]).unwrap();
     assert!(bits(&picture(&mut renderer, &loaded, lighting)) == before);
 }
 
@@ -219,7 +219,7 @@ fn a_dark_scene_becomes_bright() {
     for method in &methods()[..3] {
         let setup = Setup { method: *method, ..setup };
         let mut renderer = setup.load(&loaded, &bake, cpu()).unwrap();
-        renderer.set_albedo(&changed).unwrap();
+        renderer.light_mut().set_albedo(&changed).unwrap();
         let wrong = difference(&settled(&mut renderer, &loaded), &expected);
         assert!(wrong < TOLERANCE, "{method:?}: {wrong}");
     }
@@ -238,7 +238,7 @@ fn a_texture_gives_way_to_another_albedo() {
     let bake = setup.bake(&loaded).unwrap();
     let mut renderer = setup.load(&loaded, &bake, cpu()).unwrap();
     let changed = vec![Some(Vec3::splat(0.5)); loaded.scene.materials.len()];
-    renderer.set_albedo(&changed).unwrap();
+    renderer.light_mut().set_albedo(&changed).unwrap();
     // With one albedo everywhere that of the elements needs no ray.
     let mut other = (*edited(&bake, &changed, bake.bounces)).clone();
     Arc::make_mut(&mut other.scene.materials).iter_mut().for_each(|material| material.albedo_texture = NONE);
@@ -268,30 +268,30 @@ fn methods_that_hold_the_albedo_refuse_another_one_by_name() {
         let setup = Setup { method, ..classic };
         let mut renderer = setup.load(&loaded, &bake, cpu()).unwrap();
         let before = bits(&picture(&mut renderer, &loaded, lighting));
-        let error = renderer.set_albedo(&changed).unwrap_err();
+        let error = renderer.light_mut().set_albedo(&changed).unwrap_err();
         assert!(matches!(error, Error::AlbedoHeld { method } if method == name), "{error}");
         assert!(error.to_string().contains("feedback"), "{error}");
         assert!(bits(&picture(&mut renderer, &loaded, lighting)) == before);
         // That of the bake is not another one.
-        renderer.set_albedo(&vec![None; changed.len()]).unwrap();
+        renderer.light_mut().set_albedo(&vec![None; changed.len()]).unwrap();
         // Nor can such a method be chosen after.
         let mut renderer = classic.load(&loaded, &bake, cpu()).unwrap();
-        renderer.set_albedo(&changed).unwrap();
+        renderer.light_mut().set_albedo(&changed).unwrap();
         assert!(matches!(renderer.set_method(method, &Silent), Err(Error::AlbedoHeld { .. })));
     }
     let mut renderer = classic.load(&loaded, &bake, cpu()).unwrap();
     let count = changed.len();
-    let error = renderer.set_albedo(&changed[1..]).unwrap_err();
+    let error = renderer.light_mut().set_albedo(&changed[1..]).unwrap_err();
     assert!(matches!(error, Error::AlbedoCount { expected, found } if expected == count && found == count - 1));
     for value in [-0.1, 0.96, f32::NAN, f32::INFINITY] {
         let mut wrong = changed.clone();
         wrong[1] = Some(Vec3::new(0.5, value, 0.5));
-        let error = renderer.set_albedo(&wrong).unwrap_err();
+        let error = renderer.light_mut().set_albedo(&wrong).unwrap_err();
         assert!(matches!(error, Error::AlbedoValue { material: 1, .. }), "{error}");
     }
     let voxels = Setup { receivers: ReceiverKind::Patches, ..setup(PatchKind::Voxel, MethodSettings::Classic) };
     let mut renderer = voxels.renderer(&loaded, cpu()).unwrap();
     let before = picture(&mut renderer, &loaded, lighting);
-    renderer.set_albedo(&changed).unwrap();
+    renderer.light_mut().set_albedo(&changed).unwrap();
     assert!(difference(&picture(&mut renderer, &loaded, lighting), &before) > 0.1, "patches that are receivers");
 }

@@ -9,7 +9,7 @@ use integration_tests::limited::Limited;
 use integration_tests::setup::Setup;
 use integration_tests::vulkan;
 use patches::PatchKind;
-use patchlight::{Bake, Estimator, Pictures, PixelLight, ReceiverKind, ReceiverUpdate, Renderer};
+use patchlight::{Bake, Estimator, PictureRenderer, Pictures, PixelLight, ReceiverKind, ReceiverUpdate};
 use runtime::cpu::Cpu;
 use runtime::executor::Executor;
 
@@ -32,12 +32,12 @@ fn setup() -> Setup {
     }
 }
 
-fn renderer(setup: &Setup, loaded: &LoadedScene, bake: &Arc<Bake>, executor: Box<dyn Executor>) -> Renderer {
+fn renderer(setup: &Setup, loaded: &LoadedScene, bake: &Arc<Bake>, executor: Box<dyn Executor>) -> PictureRenderer {
     setup.load(loaded, bake, executor).unwrap()
 }
 
 /// Pictures from two places.
-fn pictures(renderer: &mut Renderer, loaded: &LoadedScene) -> [Pictures; 2] {
+fn pictures(renderer: &mut PictureRenderer, loaded: &LoadedScene) -> [Pictures; 2] {
     [0.0, 0.1].map(|step| {
         let mut camera = loaded.view.camera(SIZE.0, SIZE.1);
         camera.eye += Vec3::X * step;
@@ -47,8 +47,8 @@ fn pictures(renderer: &mut Renderer, loaded: &LoadedScene) -> [Pictures; 2] {
     })
 }
 
-fn passes_of(renderer: &mut Renderer, kernel: &str) -> usize {
-    renderer.executor_mut().plan().passes().iter().filter(|pass| pass.kernel.name == kernel).count()
+fn passes_of(renderer: &mut PictureRenderer, kernel: &str) -> usize {
+    renderer.light_mut().executor_mut().plan().passes().iter().filter(|pass| pass.kernel.name == kernel).count()
 }
 
 fn assert_same_in_bands(scene: &str, setup: &Setup) {

@@ -5,7 +5,7 @@ use assets::procedural;
 use glam::{Vec3, vec3};
 use integration_tests::setup::Setup;
 use integration_tests::vulkan;
-use patchlight::{PixelLight, ReceiverUpdate, Renderer};
+use patchlight::{PictureRenderer, PixelLight, ReceiverUpdate};
 use runtime::executor::{DeviceChoice, Executor, open};
 use scene::math::{atan2, luminance};
 use scene::{Camera, LIGHT_RECT, Light, Material, Picture, Scene, SceneParts, Sky, Triangle, TriangleUv};
@@ -169,7 +169,7 @@ fn noise(a: &Picture, b: &Picture) -> f64 {
 }
 
 /// Two frames of a floor with a wall below a lamp and a sky.
-fn two_frames(renderer: &mut Renderer, loaded: &LoadedScene, camera: &Camera) -> [Picture; 2] {
+fn two_frames(renderer: &mut PictureRenderer, loaded: &LoadedScene, camera: &Camera) -> [Picture; 2] {
     [0, 7].map(|number| renderer.picture(&loaded.scene.lighting, camera, number).unwrap().pictures.full)
 }
 

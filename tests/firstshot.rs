@@ -390,14 +390,16 @@ fn frame(bake: &Arc<Bake>, inner: Box<dyn Executor>, error: f64, lamp: Option<Li
     let before = downloaded.load(Ordering::Relaxed);
     renderer.update_light(&lighting, &camera).unwrap();
     let bytes = downloaded.load(Ordering::Relaxed) - before;
-    let light = renderer.download(renderer.irradiance().elements).unwrap();
-    let round = renderer.counted_report().unwrap().photons.unwrap();
+    let elements = renderer.light().buffers().elements;
+    let light = renderer.light_mut().download(elements).unwrap();
+    let round = renderer.light_mut().counted_report().unwrap().photons.unwrap();
     // Without any light there are no photons.
     lighting.emission.fill(Vec3::ZERO);
     lighting.lights.clear();
     lighting.sky.radiance = Vec3::ZERO;
     renderer.update_light(&lighting, &camera).unwrap();
-    let dark = renderer.download(renderer.irradiance().elements).unwrap();
+    let elements = renderer.light().buffers().elements;
+    let dark = renderer.light_mut().download(elements).unwrap();
     assert!(dark.iter().all(|h| *h == Vec4::ZERO));
     (light, bytes, round)
 }

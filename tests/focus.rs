@@ -6,7 +6,7 @@ use assets::{LoadedScene, procedural};
 use glam::{Vec3, vec3};
 use integration_tests::setup::Setup;
 use patches::{Density, Focus, PackedWeights, Weight};
-use patchlight::{Bake, BakeSettings, EnergyCheck, Estimator, RenderSettings, Renderer, Silent};
+use patchlight::{Bake, BakeSettings, EnergyCheck, Estimator, LightSettings, PictureRenderer, PictureSettings, Silent};
 use reference::{PathSettings, PathTracer};
 use runtime::cpu::Cpu;
 use scene::math::luminance;
@@ -56,10 +56,12 @@ fn truth(loaded: &LoadedScene, points: &[SurfacePoint]) -> Vec<f32> {
 
 /// Mean error of indirect light at points, as a share of its mean.
 fn error(loaded: &LoadedScene, bake: Bake, points: &[SurfacePoint], truth: &[f32]) -> f32 {
-    let render = RenderSettings { size: (16, 9), sub_frames: 1, ..RenderSettings::default() };
-    let mut renderer = Renderer::new(Arc::new(bake), Box::new(Cpu::new()), &render, &Silent).unwrap();
+    let light = LightSettings::default();
+    let pictures = PictureSettings::default().with_size((16, 9)).with_sub_frames(1);
+    let mut renderer =
+        PictureRenderer::of_bake(Arc::new(bake), Box::new(Cpu::new()), &light, &pictures, &Silent).unwrap();
     renderer.picture(&loaded.scene.lighting, &loaded.view.camera(16, 9), 0).unwrap();
-    let ours = renderer.irradiance_at(points).unwrap();
+    let ours = renderer.light_mut().irradiance_at(points).unwrap();
     let errors: f32 = ours.iter().zip(truth).map(|(o, t)| (luminance(*o) - t).abs()).sum();
     errors / truth.iter().sum::<f32>()
 }

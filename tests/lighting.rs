@@ -9,9 +9,9 @@ use glam::{Vec3, Vec4};
 use integration_tests::limited::Limited;
 use integration_tests::setup::Setup;
 use integration_tests::vulkan;
+use patchlight::low_level::operator::Codec;
 use patchlight::method::{FeedbackSettings, TemporalSettings};
-use patchlight::operator::Codec;
-use patchlight::{Bake, Error, MethodSettings, Pictures, ReceiverUpdate, Renderer, SampleLight};
+use patchlight::{Bake, Error, MethodSettings, PictureRenderer, Pictures, ReceiverUpdate, SampleLight};
 use runtime::cpu::Cpu;
 use runtime::executor::Executor;
 use scene::{Camera, Lighting};
@@ -31,7 +31,7 @@ fn methods() -> [MethodSettings; 4] {
     ]
 }
 
-fn picture(renderer: &mut Renderer, loaded: &LoadedScene, lighting: &Lighting) -> Pictures {
+fn picture(renderer: &mut PictureRenderer, loaded: &LoadedScene, lighting: &Lighting) -> Pictures {
     renderer.picture(lighting, &loaded.view.camera(SIZE.0, SIZE.1), 0).unwrap().pictures
 }
 
@@ -98,7 +98,7 @@ fn more_lights_than_can_be_kept_give_the_same_light() {
         lighting.lights[frame].position += 0.1 * Vec3::X;
         lighting.lights[7].color *= 3.0;
     }
-    let bytes = |renderer: &Renderer| renderer.bytes()["light shares"];
+    let bytes = |renderer: &PictureRenderer| renderer.light().bytes()["light shares"];
     assert!(bytes(&kept) > 5 * bytes(&traced), "{} {}", bytes(&kept), bytes(&traced));
 }
 
@@ -250,7 +250,7 @@ fn what_is_in_view_has_the_light_that_all_have() {
         let mut renderers = [all, in_view].map(|s| s.load(&loaded, &bake, Box::new(Cpu::new())).unwrap());
         let [all, in_view] = renderers.each_mut().map(|renderer| {
             picture(renderer, &loaded, &loaded.scene.lighting);
-            renderer.surface_irradiance().unwrap()
+            renderer.light_mut().surface_irradiance().unwrap()
         });
         assert_eq!(all, in_view);
     }
@@ -263,9 +263,9 @@ fn an_update_computes_less_when_only_a_part_is_in_view() {
     let mut renderer = in_view.renderer(&loaded, Box::new(Cpu::new())).unwrap();
     let camera = loaded.view.camera(SIZE.0, SIZE.1);
     renderer.update_light(&loaded.scene.lighting, &camera).unwrap();
-    let seen = |renderer: &mut Renderer| {
-        let interpolated = renderer.irradiance().interpolated;
-        renderer.download(interpolated).unwrap().iter().filter(|h| h.truncate() != Vec3::ZERO).count()
+    let seen = |renderer: &mut PictureRenderer| {
+        let interpolated = renderer.light().buffers().interpolated;
+        renderer.light_mut().download(interpolated).unwrap().iter().filter(|h| h.truncate() != Vec3::ZERO).count()
     };
     let part = seen(&mut renderer);
     // Other light, the same camera: the same points, and theirs is the light that all updates give.
@@ -273,12 +273,12 @@ fn an_update_computes_less_when_only_a_part_is_in_view() {
     bright.lights.iter_mut().for_each(|lamp| lamp.color *= 2.0);
     renderer.update_light(&bright, &camera).unwrap();
     assert_eq!(seen(&mut renderer), part);
-    let interpolated = renderer.irradiance().interpolated;
-    let in_view = renderer.download(interpolated).unwrap();
-    let exact = renderer.surface_irradiance().unwrap();
+    let interpolated = renderer.light().buffers().interpolated;
+    let in_view = renderer.light_mut().download(interpolated).unwrap();
+    let exact = renderer.light_mut().surface_irradiance().unwrap();
     let wrong = in_view.iter().zip(&exact).filter(|(h, exact)| h.truncate() != Vec3::ZERO && h.truncate() != **exact);
     assert_eq!(wrong.count(), 0);
-    let all = renderer.surface_irradiance().unwrap().iter().filter(|h| **h != Vec3::ZERO).count();
+    let all = renderer.light_mut().surface_irradiance().unwrap().iter().filter(|h| **h != Vec3::ZERO).count();
     assert!(part > 0 && 2 * part < all, "{part} of {all}");
 }
 
@@ -298,10 +298,10 @@ fn shown_pictures_from_one_camera_are_those_of_new_renderers() {
         lighting
     });
     for executor in executors.into_iter().flatten() {
-        let shown = |renderer: &mut Renderer, lighting: &Lighting, camera: &Camera| -> Vec<u32> {
+        let shown = |renderer: &mut PictureRenderer, lighting: &Lighting, camera: &Camera| -> Vec<u32> {
             renderer.display(lighting, camera, 0, 1.0).unwrap();
             let buffer = renderer.displayed();
-            renderer.executor_mut().download_table(buffer).unwrap()
+            renderer.light_mut().executor_mut().download_table(buffer).unwrap()
         };
         let afresh = |lighting: &Lighting, camera: &Camera| {
             shown(&mut setup.load(&loaded, &bake, Box::new(Cpu::new())).unwrap(), lighting, camera)
@@ -321,7 +321,7 @@ fn shown_pictures_from_one_camera_are_those_of_new_renderers() {
         let painted: Vec<Option<Vec3>> = loaded.scene.materials.iter().map(|_| Some(Vec3::splat(0.3))).collect();
         let mut other = setup.load(&loaded, &bake, Box::new(Cpu::new())).unwrap();
         for renderer in [&mut renderer, &mut other] {
-            renderer.set_albedo(&painted).unwrap();
+            renderer.light_mut().set_albedo(&painted).unwrap();
         }
         let found = shown(&mut renderer, &bright, &own);
         assert_eq!(found, shown(&mut other, &bright, &own));
@@ -329,15 +329,15 @@ fn shown_pictures_from_one_camera_are_those_of_new_renderers() {
     }
 }
 
-fn sample_light(renderer: &mut Renderer) -> Vec<Vec3> {
-    let direct = renderer.irradiance().direct;
-    renderer.download(direct).unwrap().iter().map(|h| h.truncate()).collect()
+fn sample_light(renderer: &mut PictureRenderer) -> Vec<Vec3> {
+    let direct = renderer.light().buffers().direct;
+    renderer.light_mut().download(direct).unwrap().iter().map(|h| h.truncate()).collect()
 }
 
 /// Indirect irradiance of the interpolation points under a lighting.
-fn indirect(renderer: &mut Renderer, loaded: &LoadedScene, lighting: &Lighting) -> Vec<Vec3> {
+fn indirect(renderer: &mut PictureRenderer, loaded: &LoadedScene, lighting: &Lighting) -> Vec<Vec3> {
     picture(renderer, loaded, lighting);
-    renderer.surface_irradiance().unwrap()
+    renderer.light_mut().surface_irradiance().unwrap()
 }
 
 /// Direct light of the samples that a caller gives stands for what would be traced; the light then is the same in every
@@ -356,11 +356,11 @@ fn direct_light_of_the_samples_may_be_the_callers() {
             let mut traced = setup.load(&loaded, &bake, Box::new(Cpu::new())).unwrap();
             let expected = indirect(&mut traced, &loaded, lighting);
             let values = sample_light(&mut traced);
-            assert_eq!(values.len(), traced.samples().len());
+            assert_eq!(values.len(), traced.light().samples().len());
 
             // Lamps that are dark would give none of it.
             let mut given = setup.load(&loaded, &bake, executor).unwrap();
-            given.set_sample_light(SampleLight::Values(&values)).unwrap();
+            given.light_mut().set_sample_light(SampleLight::Values(&values)).unwrap();
             assert!(indirect(&mut given, &loaded, &dark) == expected, "{setup:?}");
             assert_eq!(sample_light(&mut given), values);
         }
@@ -378,21 +378,21 @@ fn direct_light_of_the_samples_changes_as_the_caller_says() {
     // Other light at one sample that is lit: another picture.
     let mut wrong = values.clone();
     wrong[values.iter().position(|h| h.x > 1.0).unwrap()] *= 3.0;
-    renderer.set_sample_light(SampleLight::Values(&wrong)).unwrap();
+    renderer.light_mut().set_sample_light(SampleLight::Values(&wrong)).unwrap();
     let of_wrong = indirect(&mut renderer, &loaded, lighting);
     assert!(picture(&mut renderer, &loaded, lighting) != expected);
     // The caller's shader writes: on the device, and nothing but that counts.
-    let direct = renderer.irradiance().direct;
+    let direct = renderer.light().buffers().direct;
     let on_device: Vec<Vec4> = values.iter().map(|h| h.extend(0.0)).collect();
-    renderer.executor_mut().upload(direct, &on_device).unwrap();
-    renderer.set_sample_light(SampleLight::OnDevice).unwrap();
+    renderer.light_mut().executor_mut().upload(direct, &on_device).unwrap();
+    renderer.light_mut().set_sample_light(SampleLight::OnDevice).unwrap();
     assert!(picture(&mut renderer, &loaded, lighting) == expected);
     // It lasts while lights move, and through a new plan where the caller's values are known.
-    renderer.set_sample_light(SampleLight::Values(&wrong)).unwrap();
+    renderer.light_mut().set_sample_light(SampleLight::Values(&wrong)).unwrap();
     assert!(indirect(&mut renderer, &loaded, lighting) == of_wrong);
     assert!(indirect(&mut renderer, &loaded, &lamps(&loaded, 40)) == of_wrong);
     // Traced again.
-    renderer.set_sample_light(SampleLight::Traced).unwrap();
+    renderer.light_mut().set_sample_light(SampleLight::Traced).unwrap();
     assert!(picture(&mut renderer, &loaded, lighting) == expected);
 }
 
@@ -400,26 +400,26 @@ fn direct_light_of_the_samples_changes_as_the_caller_says() {
 fn direct_light_that_does_not_suit_the_samples_is_refused() {
     let loaded = procedural::build("cornell").unwrap();
     let mut renderer = setup(MethodSettings::Classic).renderer(&loaded, Box::new(Cpu::new())).unwrap();
-    let count = renderer.samples().len();
+    let count = renderer.light().samples().len();
     let few = vec![Vec3::ONE; count - 1];
-    match renderer.set_sample_light(SampleLight::Values(&few)) {
+    match renderer.light_mut().set_sample_light(SampleLight::Values(&few)) {
         Err(Error::SampleLightCount { expected, found }) => assert_eq!((expected, found), (count, count - 1)),
         other => panic!("{other:?}"),
     }
     for wrong in [f32::NAN, f32::INFINITY, -1.0] {
         let mut values = vec![Vec3::ONE; count];
         values[7].y = wrong;
-        let error = renderer.set_sample_light(SampleLight::Values(&values)).unwrap_err();
+        let error = renderer.light_mut().set_sample_light(SampleLight::Values(&values)).unwrap_err();
         assert!(matches!(error, Error::SampleLightValue { sample: 7, .. }), "{error}");
     }
     // A plan with room for more lights has another buffer, which the caller has not written.
     picture(&mut renderer, &loaded, &loaded.scene.lighting);
-    renderer.set_sample_light(SampleLight::OnDevice).unwrap();
+    renderer.light_mut().set_sample_light(SampleLight::OnDevice).unwrap();
     let camera = loaded.view.camera(SIZE.0, SIZE.1);
     for _ in 0..2 {
         let error = renderer.update_light(&lamps(&loaded, 40), &camera).unwrap_err();
         assert!(matches!(error, Error::SampleLightLost), "{error}");
     }
-    renderer.set_sample_light(SampleLight::OnDevice).unwrap();
+    renderer.light_mut().set_sample_light(SampleLight::OnDevice).unwrap();
     renderer.update_light(&lamps(&loaded, 40), &camera).unwrap();
 }

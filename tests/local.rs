@@ -65,8 +65,8 @@ fn flight(
     for frame in 0..frames {
         let view = path.at(frame as f32 / frames as f32).1;
         light.advance(lighting, &view.camera(SIZE.0, SIZE.1)).unwrap();
-        shown.push(light.surface_irradiance().unwrap());
-        entered += light.report().local.map_or(0, |frame| frame.step.entered);
+        shown.push(light.light_mut().surface_irradiance().unwrap());
+        entered += light.light().report().local.map_or(0, |frame| frame.step.entered);
     }
     let pictures = light.picture(lighting, &loaded.view.camera(SIZE.0, SIZE.1), 0).unwrap().pictures;
     (shown, pictures, entered)

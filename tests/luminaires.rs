@@ -11,7 +11,7 @@ use assets::import::luminaire::read;
 use assets::import::{LoadedScene, Photometry, load};
 use firstshot::{Emission, IlluminationMaps, LightElementSettings, PhotonAccumulator, PhotonSettings, Texels, Tracer};
 use glam::{DVec3, Vec3};
-use patchlight::{Bake, BakeSettings, RenderSettings, Renderer, Silent};
+use patchlight::{Bake, BakeSettings, LightSettings, PictureRenderer, PictureSettings, Silent};
 use reference::{PathSettings, PathTracer};
 use scene::math::luminance;
 use scene::{DirectParams, Distribution, LIGHT_LUMINAIRE, LUMENS_PER_WATT, Light, Lighting, Scene, SurfacePoint};
@@ -451,12 +451,18 @@ fn a_renderer_follows_luminaires_that_change() {
     );
     let camera = loaded.view.camera(16, 16);
     let fresh = || {
-        Renderer::new(Arc::clone(&bake), Box::new(runtime::cpu::Cpu::new()), &RenderSettings::default(), &Silent)
-            .unwrap()
+        PictureRenderer::of_bake(
+            Arc::clone(&bake),
+            Box::new(runtime::cpu::Cpu::new()),
+            &LightSettings::default(),
+            &PictureSettings::default(),
+            &Silent,
+        )
+        .unwrap()
     };
-    let light = |renderer: &mut Renderer, lighting: &Lighting| {
+    let light = |renderer: &mut PictureRenderer, lighting: &Lighting| {
         renderer.update_light(lighting, &camera).unwrap();
-        renderer.surface_irradiance().unwrap().iter().map(|h| h.to_array()).collect::<Vec<_>>()
+        renderer.light_mut().surface_irradiance().unwrap().iter().map(|h| h.to_array()).collect::<Vec<_>>()
     };
     let first = loaded.scene.lighting.clone();
     let mut turned = first.clone();

@@ -7,11 +7,12 @@ use assets::{LoadedScene, load_or_build};
 use glam::Vec3;
 use integration_tests::setup::Setup;
 use integration_tests::vulkan;
+use patchlight::low_level::operator::{Build, Codec};
 use patchlight::method::{FeedbackSettings, FirstShotSettings, TemporalSettings};
-use patchlight::operator::{Build, Codec};
 use patchlight::outputs::{CalculationPlane, LiveProbes, PlaneKind, illuminance};
 use patchlight::{
-    Bake, Error, FileSettings, MethodSettings, Origin, Picture, Pictures, PixelLight, ReceiverKind, Renderer, Silent,
+    Bake, Error, FileSettings, MethodSettings, Origin, Picture, PictureRenderer, Pictures, PixelLight, ReceiverKind,
+    Silent,
 };
 use reference::Accumulation;
 use reference::path::{PathSettings, PathTracer};
@@ -222,7 +223,9 @@ fn what_goes_by_form_factors_refuses_a_medium() {
         assert!(matches!(refused, Error::Medium { what } if what == name), "{name}: {refused}");
         assert!(refused.to_string().contains("firstshot"), "{refused}");
     }
-    assert!(matches!(LiveProbes::new(&bake, 8, 16, &|_, _| ControlFlow::Continue(())), Err(Error::Medium { .. })));
+    let shot = Setup { method: photons(0.1, 1 << 10), ..Setup::coarse() };
+    let mut renderer = shot.load(&loaded, &bake, Box::new(Cpu::new())).unwrap();
+    assert!(matches!(LiveProbes::new(renderer.light_mut(), 8, 16, &Silent), Err(Error::Medium { .. })));
     let pixels = Setup { receivers: ReceiverKind::Pixels, method: photons(0.1, 1 << 10), ..Setup::coarse() };
     assert!(matches!(pixels.renderer(&loaded, Box::new(Cpu::new())), Err(Error::MediumReceivers)));
 }
@@ -257,9 +260,9 @@ fn a_bake_in_a_file_keeps_its_medium() {
 fn a_calculation_plane_in_a_medium_has_the_light_of_the_path_tracer() {
     let loaded = load_or_build(HALL).unwrap();
     let plane = CalculationPlane { kind: PlaneKind::Horizontal, height: 0.8, spacing: 1.0, area: None };
-    let mut renderer: Renderer = of_hall().renderer(&loaded, Box::new(Cpu::new())).unwrap();
+    let mut renderer: PictureRenderer = of_hall().renderer(&loaded, Box::new(Cpu::new())).unwrap();
     renderer.update_light(&loaded.scene.lighting, &loaded.view.camera(1, 1)).unwrap();
-    let light = plane.light(&mut renderer).unwrap();
+    let light = plane.light(renderer.light_mut()).unwrap();
     let points: Vec<SurfacePoint> = (0..light.lux.len() as u32)
         .map(|k| SurfacePoint { position: light.place(k), patch: NONE, normal: Vec3::Y, weight: 1.0 })
         .collect();

@@ -9,11 +9,11 @@ use integration_tests::vulkan;
 use multibounce::BlockCodec;
 use patches::PatchKind;
 use patches::{PatchSize, SubdivideSettings, subdivide};
+use patchlight::light::with_lights;
+use patchlight::low_level::operator::{Codec, Decode, decoder_name};
 use patchlight::method::FeedbackSettings;
 use patchlight::method::multibounce::Multibounce;
-use patchlight::operator::{Codec, Decode, decoder_name};
-use patchlight::renderer::with_lights;
-use patchlight::{Estimator, MethodSettings, Pictures, ReceiverKind, Renderer};
+use patchlight::{Estimator, MethodSettings, PictureRenderer, Pictures, ReceiverKind};
 use runtime::executor::{DeviceChoice, Executor, open};
 use scene::math::luminance;
 use scene::{Scene, SceneParts};
@@ -48,8 +48,8 @@ fn render_with(loaded: &LoadedScene, executor: Box<dyn Executor>, settings: Setu
 }
 
 /// Name of what decodes texture blocks.
-fn decoder_of(renderer: &Renderer) -> Option<&'static str> {
-    renderer.method().as_any().downcast_ref::<Multibounce>()?.decoder().map(decoder_name)
+fn decoder_of(renderer: &PictureRenderer) -> Option<&'static str> {
+    renderer.light().method().as_any().downcast_ref::<Multibounce>()?.decoder().map(decoder_name)
 }
 
 fn cpu() -> Box<dyn Executor> {
@@ -242,7 +242,7 @@ fn texture_units_give_the_pictures_that_kernels_do() {
             assert_eq!(decoder_of(&classic), Some(taken));
             let camera = loaded.view.camera(SIZE.0, SIZE.1);
             let pictures = classic.picture(&loaded.scene.lighting, &camera, 0).unwrap().pictures;
-            Some((pictures, classic.surface_irradiance().unwrap()))
+            Some((pictures, classic.light_mut().surface_irradiance().unwrap()))
         };
         let Some((kernel, exact)) = render(Decode::Kernel, None) else { return };
         let Some((texture, found)) = render(Decode::Texture, None) else { return };

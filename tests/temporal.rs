@@ -8,10 +8,10 @@ use glam::Vec3;
 use integration_tests::setup::{Setup, furnace_error};
 use integration_tests::vulkan;
 use patches::PatchKind;
+use patchlight::light::with_lights;
+use patchlight::low_level::operator::Codec;
 use patchlight::method::TemporalSettings;
 use patchlight::method::temporal::{RowKind, Sampled};
-use patchlight::operator::Codec;
-use patchlight::renderer::with_lights;
 use patchlight::{Bake, Estimator, MethodSettings, Pictures, ReceiverKind};
 use runtime::executor::{DeviceChoice, Executor, open};
 use scene::Light;
@@ -73,10 +73,10 @@ fn frames(
     let camera = loaded.view.camera(SIZE.0, SIZE.1);
     (0..4).for_each(|_| drop(light.advance(&away, &camera).unwrap()));
     let lights = &loaded.scene.lighting;
-    let mut shown = vec![light.surface_irradiance().unwrap()];
+    let mut shown = vec![light.light_mut().surface_irradiance().unwrap()];
     for _ in 0..count {
         light.advance(lights, &camera).unwrap();
-        shown.push(light.surface_irradiance().unwrap());
+        shown.push(light.light_mut().surface_irradiance().unwrap());
     }
     let pictures = light.picture(lights, &camera, 0).unwrap().pictures;
     (shown, pictures)

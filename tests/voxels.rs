@@ -47,10 +47,10 @@ fn render(
     points: &[SurfacePoint],
 ) -> (Pictures, Vec<Vec3>) {
     let mut classic = settings.renderer(loaded, executor).unwrap();
-    assert_eq!(classic.bake().receivers.points.len(), 0);
+    assert_eq!(classic.light().bake().receivers.points.len(), 0);
     let camera = loaded.view.camera(SIZE.0, SIZE.1);
     let pictures = classic.picture(&loaded.scene.lighting, &camera, 0).unwrap().pictures;
-    (pictures, classic.irradiance_at(points).unwrap())
+    (pictures, classic.light_mut().irradiance_at(points).unwrap())
 }
 
 /// Points on the fronts of the triangles.

@@ -9,8 +9,8 @@ use assets::procedural;
 use glam::{Vec3, vec3};
 use integration_tests::setup::Setup;
 use patches::PatchKind;
-use patchlight::renderer::with_lights;
-use patchlight::{Estimator, Renderer};
+use patchlight::light::with_lights;
+use patchlight::{Estimator, PictureRenderer};
 use reference::metrics::quantile;
 use reference::{PathSettings, PathTracer};
 use runtime::executor::{DeviceChoice, open};
@@ -121,7 +121,7 @@ fn wall_points(low: Vec3, high: Vec3, inside: bool, margin: f32) -> Vec<SurfaceP
 }
 
 struct Baked {
-    classic: Renderer,
+    classic: PictureRenderer,
     lights: Vec<Light>,
     /// Edge of the pictures, pixels.
     size: u32,
@@ -159,7 +159,7 @@ impl Baked {
     fn seen(&mut self, eye: Vec3, target: Vec3) -> Vec<f32> {
         let up = if (target - eye).normalize().y.abs() > 0.9 { Vec3::Z } else { Vec3::Y };
         let camera = Camera::look_at(eye, target, up, 90.0, self.size, self.size);
-        let lighting = with_lights(&self.classic.bake().scene, &self.lights);
+        let lighting = with_lights(&self.classic.light().bake().scene, &self.lights);
         let picture = self.classic.picture(&lighting, &camera, 0).unwrap().pictures.indirect;
         picture.pixels.iter().map(|p| luminance(*p) * PI / ALBEDO).collect()
     }
@@ -167,7 +167,7 @@ impl Baked {
     /// Indirect irradiance at points, by rows of their own.
     fn at(&mut self, points: &[SurfacePoint]) -> Vec<f32> {
         self.seen(Vec3::ZERO, Vec3::X);
-        self.classic.irradiance_at(points).unwrap().into_iter().map(luminance).collect()
+        self.classic.light_mut().irradiance_at(points).unwrap().into_iter().map(luminance).collect()
     }
 }
 

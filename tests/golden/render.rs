@@ -10,12 +10,13 @@ use integration_tests::vulkan;
 use localmatrix::{BakeFile, LocalSettings};
 use multibounce::BlockCodec;
 use patches::PatchKind;
+use patchlight::light::with_lights;
+use patchlight::low_level::operator::Codec;
 use patchlight::method::{FeedbackSettings, FirstShotSettings, LocalSettings as CameraSettings, TemporalSettings};
-use patchlight::operator::Codec;
-use patchlight::renderer::with_lights;
 use patchlight::world::{StreamSettings, Streamed, WorldSettings, bake};
 use patchlight::{
-    Bake, BakeSettings, Estimator, MethodSettings, Picture, ReceiverKind, RenderSettings, Renderer, Silent,
+    Bake, BakeSettings, Estimator, LightSettings, MethodSettings, Picture, PictureRenderer, PictureSettings,
+    ReceiverKind, Silent,
 };
 use reference::Accumulation;
 use reference::path::{PathSettings, PathTracer};
@@ -205,14 +206,10 @@ impl BakedScene {
 pub fn render(scene: &BakedScene, method: Method, device: Device) -> Vec<FramePixels> {
     let loaded = &scene.loaded;
     let Some(method_settings) = method.settings() else { return vec![trace(loaded)] };
-    let settings = RenderSettings {
-        method: method_settings,
-        eye: loaded.view.eye,
-        size: SIZE,
-        sub_frames: SUB_FRAMES,
-        ..RenderSettings::default()
-    };
-    let mut renderer = Renderer::new(Arc::clone(&scene.bake), executor(device), &settings, &Silent).unwrap();
+    let light = LightSettings::default().with_method(method_settings).with_eye(loaded.view.eye);
+    let pictures = PictureSettings::default().with_size(SIZE).with_sub_frames(SUB_FRAMES);
+    let mut renderer =
+        PictureRenderer::of_bake(Arc::clone(&scene.bake), executor(device), &light, &pictures, &Silent).unwrap();
     let mut frames = Vec::new();
     for number in 0..FRAMES {
         let lighting = with_lights(&loaded.scene, &lights_at(loaded, number));

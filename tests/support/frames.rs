@@ -4,10 +4,10 @@ use std::sync::Arc;
 
 use assets::{LoadedScene, procedural};
 use glam::Vec3;
+use patchlight::low_level::operator::Codec;
 use patchlight::memory::resident_bytes;
 use patchlight::method::{FeedbackSettings, FirstShotSettings, LocalSettings, TemporalSettings};
-use patchlight::operator::Codec;
-use patchlight::{Bake, Error, Estimator, MethodSettings, Pictures, ReceiverUpdate, Renderer, Silent};
+use patchlight::{Bake, Error, Estimator, MethodSettings, PictureRenderer, Pictures, ReceiverUpdate, Silent};
 use runtime::executor::Executor;
 use scene::sampling::{hash3, unit};
 use scene::{Camera, LIGHT_DIRECTIONAL, LIGHT_POINT, LIGHT_SPOT, Light, Lighting};
@@ -41,7 +41,7 @@ struct Frames<'a> {
     loaded: &'a LoadedScene,
     bake: Arc<Bake>,
     setup: Setup,
-    renderer: Renderer,
+    renderer: PictureRenderer,
     lighting: Lighting,
     camera: Camera,
     albedo: Vec<Option<Vec3>>,
@@ -164,7 +164,7 @@ impl<'a> Frames<'a> {
             5 => {
                 self.setup.size = SIZES[(self.random(1) * SIZES.len() as f32) as usize % SIZES.len()];
                 self.setup.sub_frames = 1 + u32::from(self.random(2) < 0.3);
-                self.renderer.set_picture(self.setup.size, self.setup.sub_frames)?;
+                self.renderer.resize(self.setup.size, self.setup.sub_frames)?;
                 (self.camera.width, self.camera.height) = self.setup.size;
             }
             _ => {
@@ -230,7 +230,7 @@ impl<'a> Frames<'a> {
             (self.random(dimension) < 0.4).then(|| 0.9 * self.color(dimension + 1))
         };
         let albedo: Vec<Option<Vec3>> = (0..self.albedo.len()).map(of).collect();
-        match self.renderer.set_albedo(&albedo) {
+        match self.renderer.light_mut().set_albedo(&albedo) {
             Ok(()) => self.albedo = albedo,
             Err(Error::AlbedoHeld { .. }) => {}
             Err(error) => return Err(error),
@@ -253,7 +253,7 @@ impl<'a> Frames<'a> {
     fn check(&mut self, open: &dyn Fn() -> Box<dyn Executor>) -> Result<(), String> {
         let said = |error: Error| error.to_string();
         self.renderer.set_method(MethodSettings::Classic, &Silent).map_err(said)?;
-        let picture = |renderer: &mut Renderer| {
+        let picture = |renderer: &mut PictureRenderer| {
             let found = renderer.picture(&self.lighting, &self.camera, self.frame).map_err(said)?;
             let pixels = found.pictures.full.pixels;
             Ok::<_, String>(pixels.iter().map(|pixel| pixel.to_array().map(f32::to_bits)).collect::<Vec<_>>())
@@ -261,7 +261,7 @@ impl<'a> Frames<'a> {
         let found = picture(&mut self.renderer)?;
         self.setup.method = MethodSettings::Classic;
         let mut fresh = self.setup.load(self.loaded, &self.bake, open()).map_err(said)?;
-        fresh.set_albedo(&self.albedo).map_err(said)?;
+        fresh.light_mut().set_albedo(&self.albedo).map_err(said)?;
         let expected = picture(&mut fresh)?;
         if found != expected {
             let wrong = found.iter().zip(&expected).filter(|(a, b)| a != b).count();

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-use runtime::executor::{DeviceInfo, Executor, ExecutorError, PassTime};
+use runtime::executor::{DeviceInfo, Executor, ExecutorError, PassTime, ReadId};
 use runtime::plan::{BufferId, PassId, Plan};
 use runtime::recipe::Table;
 
@@ -34,6 +34,10 @@ impl Executor for Limited {
 
     fn load(&mut self, plan: Plan) -> Result<(), ExecutorError> {
         self.inner.load(plan)
+    }
+
+    fn load_after(&mut self, plan: Plan, section: usize) -> Result<(), ExecutorError> {
+        self.inner.load_after(plan, section)
     }
 
     fn plan(&self) -> &Plan {
@@ -80,5 +84,19 @@ impl Executor for Limited {
         let bytes = self.inner.download(buffer)?;
         self.downloaded.fetch_add(bytes.len(), Ordering::Relaxed);
         Ok(bytes)
+    }
+
+    fn begin_read(&mut self, buffer: BufferId) -> Result<ReadId, ExecutorError> {
+        self.inner.begin_read(buffer)
+    }
+
+    fn try_read(&mut self, read: ReadId) -> Result<Option<Vec<u8>>, ExecutorError> {
+        let bytes = self.inner.try_read(read)?;
+        self.downloaded.fetch_add(bytes.as_ref().map_or(0, Vec::len), Ordering::Relaxed);
+        Ok(bytes)
+    }
+
+    fn is_recording(&self) -> bool {
+        self.inner.is_recording()
     }
 }

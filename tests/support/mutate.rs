@@ -18,7 +18,7 @@ use localmatrix::{BakeFile, Part, beginning_of, join};
 use multibounce::BlockCodec;
 use patches::PatchKind;
 use patchlight::file::{BakeKind, kind_of};
-use patchlight::operator::{Build, Codec};
+use patchlight::low_level::operator::{Build, Codec};
 use patchlight::world::{Extra, WorldSettings, bake, scene_of};
 use patchlight::{Bake, BakeSettings, Estimator, FileSettings, MethodSettings, Origin, Silent};
 use runtime::cpu::Cpu;

@@ -5,10 +5,10 @@ use std::sync::Arc;
 use assets::LoadedScene;
 use glam::Vec3;
 use patches::PatchKind;
-use patchlight::operator::Decode;
+use patchlight::low_level::operator::Decode;
 use patchlight::{
-    Bake, BakeSettings, Estimator, MethodSettings, Pictures, PixelLight, ReceiverKind, ReceiverUpdate, RenderSettings,
-    Renderer, Result, Silent,
+    Bake, BakeSettings, Estimator, LightSettings, MethodSettings, PictureRenderer, PictureSettings, Pictures,
+    PixelLight, ReceiverKind, ReceiverUpdate, Result, Silent,
 };
 use runtime::executor::Executor;
 
@@ -50,7 +50,8 @@ pub struct Setup {
 impl Default for Setup {
     fn default() -> Self {
         let bake = BakeSettings::default();
-        let render = RenderSettings::default();
+        let light = LightSettings::default();
+        let pictures = PictureSettings::default();
         Self {
             patches: bake.patches,
             patch_count: bake.patch_count,
@@ -61,12 +62,12 @@ impl Default for Setup {
             most_receivers: bake.most_receivers,
             receiver_rays: bake.receiver_rays,
             seed: bake.seed,
-            method: render.method,
-            decode: render.decode,
-            sub_frames: render.sub_frames,
-            receivers_updated: render.receivers,
-            direct: render.direct,
-            size: render.size,
+            method: light.method,
+            decode: light.decode,
+            sub_frames: pictures.sub_frames,
+            receivers_updated: pictures.receivers,
+            direct: pictures.direct,
+            size: pictures.size,
         }
     }
 }
@@ -113,26 +114,23 @@ impl Setup {
     /// A bake on an executor, with the method of the setup.
     ///
     /// # Errors
-    /// As [`Renderer::new`].
-    pub fn load(&self, loaded: &LoadedScene, bake: &Arc<Bake>, executor: Box<dyn Executor>) -> Result<Renderer> {
-        let settings = RenderSettings {
-            method: self.method,
-            decode: self.decode,
-            eye: loaded.view.eye,
-            size: self.size,
-            sub_frames: self.sub_frames,
-            receivers: self.receivers_updated,
-            direct: self.direct,
-            ..RenderSettings::default()
-        };
-        Renderer::new(Arc::clone(bake), executor, &settings, &Silent)
+    /// As [`PictureRenderer::new`].
+    pub fn load(&self, loaded: &LoadedScene, bake: &Arc<Bake>, executor: Box<dyn Executor>) -> Result<PictureRenderer> {
+        let light =
+            LightSettings::default().with_method(self.method).with_decode(self.decode).with_eye(loaded.view.eye);
+        let pictures = PictureSettings::default()
+            .with_size(self.size)
+            .with_sub_frames(self.sub_frames)
+            .with_receivers(self.receivers_updated)
+            .with_direct(self.direct);
+        PictureRenderer::of_bake(Arc::clone(bake), executor, &light, &pictures, &Silent)
     }
 
     /// Both in one step.
     ///
     /// # Errors
     /// As both.
-    pub fn renderer(&self, loaded: &LoadedScene, executor: Box<dyn Executor>) -> Result<Renderer> {
+    pub fn renderer(&self, loaded: &LoadedScene, executor: Box<dyn Executor>) -> Result<PictureRenderer> {
         self.load(loaded, &self.bake(loaded)?, executor)
     }
 }

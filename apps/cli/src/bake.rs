@@ -12,11 +12,12 @@ use super::world::check_file;
 use assets::import::LoadedScene;
 use patchlight::energy::EnergyCheck;
 use patchlight::file::{Section, beginning_of};
+use patchlight::low_level::operator::{Build, BuildOn};
 use patchlight::memory::peak_memory_bytes;
 use patchlight::method::FirstShotSettings;
-use patchlight::operator::{Build, BuildOn};
 use patchlight::{
-    BakeSettings, Estimator, FileSettings, MethodSettings, Origin, ReceiverKind, RenderSettings, Renderer,
+    BakeSettings, Estimator, FileSettings, LightSettings, MethodSettings, Origin, PictureRenderer, PictureSettings,
+    ReceiverKind,
 };
 use runtime::executor::{DeviceChoice, DeviceKind, Executor};
 use shell::Error;
@@ -150,7 +151,7 @@ impl Report {
 }
 
 fn operators(bake: &patchlight::Bake) -> Vec<Operator> {
-    let one = |baked: &patchlight::operator::BakedOperator| Operator {
+    let one = |baked: &patchlight::low_level::operator::BakedOperator| Operator {
         options: options_of(&baked.key),
         what: baked.operator.describe(),
     };
@@ -184,7 +185,7 @@ pub struct Lightable {
     /// The scene, its triangles cut as those of the bake.
     pub loaded: LoadedScene,
     /// Its light, without pictures.
-    pub renderer: Renderer,
+    pub renderer: PictureRenderer,
     /// The folder of the results, which is there.
     pub out: PathBuf,
 }
@@ -208,8 +209,9 @@ impl Lightable {
             false => MethodSettings::Classic,
         };
         let eye = loaded.view.eye;
-        let frame = RenderSettings { method, size: (1, 1), sub_frames: 1, eye, ..RenderSettings::default() };
-        let renderer = interruptible(|| Renderer::new(bake, executor, &frame, progress))?;
+        let light = LightSettings::default().with_method(method).with_eye(eye);
+        let pictures = PictureSettings::default().with_size((1, 1)).with_sub_frames(1);
+        let renderer = interruptible(|| PictureRenderer::of_bake(bake, executor, &light, &pictures, progress))?;
         Ok(Self { loaded, renderer, out })
     }
 }

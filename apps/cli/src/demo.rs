@@ -13,14 +13,16 @@ use temporal::Settings;
 
 use assets::import::{Animation, LoadedScene, View};
 use assets::procedural;
+use patchlight::light::with_lights;
+use patchlight::low_level::operator::{BuildOn, Codec, decoder_name};
 use patchlight::memory::peak_memory_bytes;
 use patchlight::method::firstshot::FirstShotMethod;
 use patchlight::method::multibounce::Multibounce;
 use patchlight::method::temporal::{RowKind, Sampled};
 use patchlight::method::{FeedbackSettings, FirstShotSettings, LocalSettings, TemporalSettings};
-use patchlight::operator::{BuildOn, Codec, decoder_name};
-use patchlight::renderer::with_lights;
-use patchlight::{Bake, BakeSettings, Estimator, MethodSettings, Pictures, RenderSettings, Renderer};
+use patchlight::{
+    Bake, BakeSettings, Estimator, LightSettings, MethodSettings, PictureRenderer, PictureSettings, Pictures,
+};
 use runtime::executor::{DeviceChoice, open};
 use runtime::graph::{Graph, Stage};
 use shell::Error;
@@ -310,19 +312,14 @@ impl Show<'_> {
     }
 
     /// A method on the device of the options.
-    fn load(&self, method: &Method, progress: &Progress) -> Result<Renderer, Error> {
+    fn load(&self, method: &Method, progress: &Progress) -> Result<PictureRenderer, Error> {
         let (executor, note) = open(&DeviceChoice::parse(&self.common.device))?;
         if let Some(note) = note.filter(|_| method.settings == MethodSettings::Classic) {
             progress.note(&note);
         }
-        let settings = RenderSettings {
-            method: method.settings,
-            eye: self.loaded.view.eye,
-            size: self.effort.size,
-            sub_frames: 4,
-            ..RenderSettings::default()
-        };
-        Ok(interruptible(|| Renderer::new(Arc::clone(self.bake), executor, &settings, progress))?)
+        let light = LightSettings::default().with_method(method.settings).with_eye(self.loaded.view.eye);
+        let pictures = PictureSettings::default().with_size(self.effort.size).with_sub_frames(4);
+        Ok(interruptible(|| PictureRenderer::of_bake(Arc::clone(self.bake), executor, &light, &pictures, progress))?)
     }
 
     /// Pictures of all frames by the first method; by the others only the light, but for the frames that are checked.
@@ -363,15 +360,15 @@ impl Show<'_> {
             }
             add_times(&mut times, passes);
         }
-        renderer.counted_report()?;
+        renderer.light_mut().counted_report()?;
         let summary = self.summary(method, &mut renderer, &times);
-        let stages = Graph::new(renderer.executor_mut().plan().clone()).stages();
+        let stages = Graph::new(renderer.light_mut().executor_mut().plan().clone()).stages();
         Ok(Run { times, pictures, errors: Vec::new(), phases, stages, summary })
     }
 
-    fn summary(&self, method: &Method, renderer: &mut Renderer, times: &Times) -> Summary {
-        let device = renderer.executor_mut().device().name.clone();
-        let own = renderer.method().as_any();
+    fn summary(&self, method: &Method, renderer: &mut PictureRenderer, times: &Times) -> Summary {
+        let device = renderer.light_mut().executor_mut().device().name.clone();
+        let own = renderer.light().method().as_any();
         let decoder = own.downcast_ref::<Multibounce>().and_then(Multibounce::decoder);
         let photons = own.downcast_ref::<FirstShotMethod>();
         Summary {
@@ -390,7 +387,7 @@ impl Show<'_> {
             bake: BTreeMap::new(),
             energy: self.bake.energy,
             peak_memory_bytes: peak_memory_bytes(),
-            bytes: renderer.bytes(),
+            bytes: renderer.light().bytes(),
             full: None,
             indirect: None,
             points: None,

@@ -7,9 +7,9 @@ use assets::import::LoadedScene;
 use clap::{ArgGroup, Args};
 use glam::Vec3;
 use patches::{LightmapTexels, VolumeSettings, VolumeSize, VoxelVolume};
+use patchlight::light::with_lights;
 use patchlight::outputs::{LightPart, ProbeVolume, at_corners, in_volume, is_lit, lit_sides, on_lightmap};
-use patchlight::renderer::with_lights;
-use patchlight::{Bake, Picture, Renderer};
+use patchlight::{Bake, Picture, PictureRenderer};
 use reference::PictureFile as _;
 use reference::file::write_whole;
 use reference::picture::Precision;
@@ -78,7 +78,7 @@ pub fn run(common: &Common, args: &Export) -> Result<(), Error> {
     let progress = Progress::new(common.quiet);
     let Lightable { loaded, mut renderer, out } = Lightable::of(common, &args.light, "export", &progress)?;
     let of_scene = |error: patchlight::Error| Error::of_scene(error, &args.light.scene);
-    let places = interruptible(|| Places::of(args, &loaded, renderer.bake(), &progress)).map_err(of_scene)?;
+    let places = interruptible(|| Places::of(args, &loaded, renderer.light().bake(), &progress)).map_err(of_scene)?;
     let movement = Movement::new(&loaded, (args.animate.unwrap_or(Animate::Path), None), args.frames, &progress);
     let mut written = Vec::new();
     for number in 0..args.frames {
@@ -159,12 +159,12 @@ impl Places {
     }
 
     /// Writes the light of the last update; the files.
-    fn write(&self, renderer: &mut Renderer, files: &Files) -> Result<Vec<PathBuf>, Error> {
+    fn write(&self, renderer: &mut PictureRenderer, files: &Files) -> Result<Vec<PathBuf>, Error> {
         let Files { loaded, folder, part, progress } = *files;
         let mut written = Vec::new();
         if self.vertices {
             let name = format!("{}-vertices", loaded.name);
-            let [back, front] = [false, true].map(|front| at_corners(renderer, part, front));
+            let [back, front] = [false, true].map(|front| at_corners(renderer.light_mut(), part, front));
             let (back, front) = (back?, front?);
             let side = |&(triangle, is_front): &(u32, bool)| LitSide {
                 triangle,
@@ -179,7 +179,8 @@ impl Places {
         }
         if let Some(lightmap) = &self.lightmap {
             let name = format!("{}-lightmap", loaded.name);
-            let values = progress.phase("light of the texels", |_| on_lightmap(renderer, lightmap, part))?;
+            let values =
+                progress.phase("light of the texels", |_| on_lightmap(renderer.light_mut(), lightmap, part))?;
             let texels: Vec<Vec3> =
                 lightmap.picture(&values).map_err(patchlight::Error::from)?.iter().map(|v| v.truncate()).collect();
             let exr = format!("{name}.exr");
@@ -197,7 +198,7 @@ impl Places {
             written.push(path);
         }
         if let Some(volume) = &self.volume {
-            let values = progress.phase("light of the probes", |_| in_volume(renderer, volume, part))?;
+            let values = progress.phase("light of the probes", |_| in_volume(renderer.light_mut(), volume, part))?;
             let probes = ProbeVolume::new(volume, values)?;
             let mut files = Vec::new();
             if self.probes {

@@ -96,7 +96,7 @@ pub fn run(common: &Common, args: &Illuminance) -> Result<(), Error> {
     let camera = loaded.view.camera(args.size.0, args.size.1);
     renderer.update_light(&loaded.scene.lighting, &camera)?;
 
-    let seen = progress.phase("light of the view", |_| on_view(&mut renderer, &camera, LightPart::Full))?;
+    let seen = progress.phase("light of the view", |_| on_view(renderer.light_mut(), &camera, LightPart::Full))?;
     let lux: Vec<Option<f32>> = seen.iter().map(|&e| Some(illuminance(e))).collect();
     let numbers = seen.iter().map(|&e| Vec3::splat(illuminance(e))).collect();
     let numbers = Picture::from_pixels(args.size.0, args.size.1, numbers).map_err(patchlight::Error::from)?;
@@ -109,7 +109,7 @@ pub fn run(common: &Common, args: &Illuminance) -> Result<(), Error> {
     let cylindrical = args.cylindrical.iter().map(|&height| (PlaneKind::Cylindrical, height));
     for (number, (kind, height)) in horizontal.chain(cylindrical).enumerate() {
         let plane = CalculationPlane { kind, height, spacing: args.grid, area: args.area };
-        let light = progress.phase("light of a plane", |_| plane.light(&mut renderer)).map_err(of_scene)?;
+        let light = progress.phase("light of a plane", |_| plane.light(renderer.light_mut())).map_err(of_scene)?;
         let Some([mean, minimum, maximum]) = light.statistics() else {
             progress.warn(&format!("the plane at {height} m has no point in the open; it is left out"));
             continue;

@@ -14,13 +14,14 @@ use crate::photons;
 use crate::worst_blocks::worst_blocks;
 use assets::import::LoadedScene;
 use patchlight::debug::DebugPicture;
+use patchlight::light::with_lights;
+use patchlight::low_level::operator::{Build, Codec, Decode, OperatorKey, decoder_name};
 use patchlight::memory::{check_free, peak_memory_bytes};
 use patchlight::method::firstshot::FirstShotMethod;
 use patchlight::method::multibounce::Multibounce;
-use patchlight::operator::{Build, Codec, Decode, OperatorKey, decoder_name};
-use patchlight::renderer::with_lights;
 use patchlight::{
-    Bake, BakeSettings, FrameResult, MethodSettings, Pictures, PixelLight, ReceiverUpdate, RenderSettings, Renderer,
+    Bake, BakeSettings, FrameResult, LightSettings, MethodSettings, PictureRenderer, PictureSettings, Pictures,
+    PixelLight, ReceiverUpdate,
 };
 use runtime::executor::{DeviceChoice, Executor, open};
 use runtime::graph::Graph;
@@ -228,39 +229,45 @@ impl Job<'_> {
         let decode = self.decode();
         // Before minutes of baking.
         decode.check(executor.device())?;
-        let settings = self.render_settings(decode);
-        self.warn_of_many_lights(settings.sub_frames);
-        let bake = self.bake(executor.as_mut(), &settings)?;
+        let light = self.light_settings(decode);
+        let shown = self.picture_settings();
+        self.warn_of_many_lights(shown.sub_frames);
+        let bake = self.bake(executor.as_mut(), &light)?;
         let exact = match args.errors {
             true => {
-                let settings = RenderSettings { method: MethodSettings::Classic, ..settings.clone() };
+                let light = light.clone().with_method(MethodSettings::Classic);
                 let executor = open(&DeviceChoice::parse(&self.common.device))?.0;
-                Some(interruptible(|| Renderer::new(Arc::clone(&bake), executor, &settings, progress))?)
+                Some(interruptible(|| PictureRenderer::of_bake(Arc::clone(&bake), executor, &light, &shown, progress))?)
             }
             false => None,
         };
-        let mut renderer = interruptible(|| Renderer::new(bake, executor, &settings, progress))?;
+        let mut renderer = interruptible(|| PictureRenderer::of_bake(bake, executor, &light, &shown, progress))?;
         self.describe(&renderer, summary);
         let pictures = self.frames(&mut renderer, exact, summary)?;
-        renderer.counted_report()?;
-        if let Some(photons) = renderer.method().as_any().downcast_ref::<FirstShotMethod>() {
+        renderer.light_mut().counted_report()?;
+        if let Some(photons) = renderer.light().method().as_any().downcast_ref::<FirstShotMethod>() {
             summary.photons = Some(PhotonCounts::of(&photons.shot().round()));
             if args.frames == 1 {
-                photons::write_files(photons.shot(), &renderer.bake().scene, &renderer.bake().mesh, self.out)?;
+                photons::write_files(
+                    photons.shot(),
+                    &renderer.light().bake().scene,
+                    &renderer.light().bake().mesh,
+                    self.out,
+                )?;
             }
         }
         let points = match self.data.filter(|d| !d.points.is_empty()) {
             None => None,
             Some(data) => {
                 let points = data.surface_points(loaded.metres_per_unit);
-                Some(progress.phase("points", |_| renderer.irradiance_at(&points))?)
+                Some(progress.phase("points", |_| renderer.light_mut().irradiance_at(&points))?)
             }
         };
         Ok(Rendered { pictures, points })
     }
 
     /// The bake that there is, or a new one.
-    fn bake(&self, device: &mut (dyn Executor + 'static), settings: &RenderSettings) -> Result<Arc<Bake>, Error> {
+    fn bake(&self, device: &mut (dyn Executor + 'static), settings: &LightSettings) -> Result<Arc<Bake>, Error> {
         let Self { args, subject, loaded, progress, .. } = *self;
         let of_scene = |error: patchlight::Error| Error::of_scene(error, &args.scene);
         settings.method.check_medium(&loaded.scene).map_err(of_scene)?;
@@ -315,42 +322,40 @@ impl Job<'_> {
         }
     }
 
-    fn render_settings(&self, decode: Decode) -> RenderSettings {
-        let args = self.args;
-        let sub_frames = args.spp.unwrap_or(16);
+    fn light_settings(&self, decode: Decode) -> LightSettings {
+        let build = Build {
+            on: self.args.build_on.place(),
+            memory_limit: self.args.operators.memory_limit,
+            folder: self.out.to_path_buf(),
+        };
+        let light = LightSettings::default().with_method(self.subject.method).with_decode(decode).with_build(build);
+        light.with_eye(self.loaded.view.eye)
+    }
+
+    fn picture_settings(&self) -> PictureSettings {
+        let sub_frames = self.args.spp.unwrap_or(16);
         // To see what is in view takes time in every sub-frame; many of them see all that a picture needs many times.
-        let receivers = match args.frames > 1 && sub_frames <= MAX_SUB_FRAMES_IN_VIEW {
+        let receivers = match self.args.frames > 1 && sub_frames <= MAX_SUB_FRAMES_IN_VIEW {
             true => ReceiverUpdate::InView,
             false => ReceiverUpdate::All,
         };
-        RenderSettings {
-            method: self.subject.method,
-            decode,
-            build: Build {
-                on: args.build_on.place(),
-                memory_limit: args.operators.memory_limit,
-                folder: self.out.to_path_buf(),
-            },
-            eye: self.loaded.view.eye,
-            size: self.size,
-            sub_frames,
-            receivers,
-            direct: match args.direct {
-                DirectLight::Smooth => PixelLight::Smooth,
-                DirectLight::Sampled => PixelLight::Sampled,
-            },
-        }
+        let direct = match self.args.direct {
+            DirectLight::Smooth => PixelLight::Smooth,
+            DirectLight::Sampled => PixelLight::Sampled,
+        };
+        let pictures = PictureSettings::default().with_size(self.size).with_sub_frames(sub_frames);
+        pictures.with_receivers(receivers).with_direct(direct)
     }
 
     /// Takes over what is known before the first frame.
-    fn describe(&self, renderer: &Renderer, summary: &mut Summary) {
+    fn describe(&self, renderer: &PictureRenderer, summary: &mut Summary) {
         let progress = self.progress;
-        let bake = renderer.bake();
+        let bake = renderer.light().bake();
         summary.patches = Some(bake.mesh.patches.len());
         summary.receivers = Some(bake.receivers.points.len());
         summary.energy = bake.energy;
-        summary.bytes = renderer.bytes();
-        let multibounce = renderer.method().as_any().downcast_ref::<Multibounce>();
+        summary.bytes = renderer.light().bytes();
+        let multibounce = renderer.light().method().as_any().downcast_ref::<Multibounce>();
         if let Some(decoder) = multibounce.and_then(Multibounce::decoder) {
             summary.decode = Some(decoder_name(decoder));
             progress.note(match decoder {
@@ -367,8 +372,8 @@ impl Job<'_> {
     /// Renders the frames and what each measured; the pictures of the last.
     fn frames(
         &self,
-        renderer: &mut Renderer,
-        mut exact: Option<Renderer>,
+        renderer: &mut PictureRenderer,
+        mut exact: Option<PictureRenderer>,
         summary: &mut Summary,
     ) -> Result<Pictures, Error> {
         let Self { args, loaded, out, progress, .. } = *self;
@@ -403,7 +408,7 @@ impl Job<'_> {
             }
             self.write_frame(number, &done.pictures)?;
             if args.debug && number + 1 == args.frames {
-                let pictures = renderer.debug_pictures(&camera, loaded.exposure_stops)?;
+                let pictures = renderer.light_mut().debug_pictures(&camera, loaded.exposure_stops)?;
                 output::write_debug(&out.join("debug"), &pictures)?;
             }
             let FrameResult { pictures, times: passes } = done;
@@ -422,7 +427,7 @@ impl Job<'_> {
         summary.passes = times.iter().filter_map(|(name, t)| Some((name.clone(), PassTimes::of(t)?))).collect();
         if let Some(path) = &args.graph {
             let ms = |name: &str| summary.passes.get(name).map(|times| times.median_ms);
-            let graph = Graph::new(renderer.executor_mut().plan().clone()).graphviz(ms);
+            let graph = Graph::new(renderer.light_mut().executor_mut().plan().clone()).graphviz(ms);
             output::write_text(path, &graph)?;
         }
         let (visible_receivers, visible_points) = renderer.count_updated()?;
@@ -432,7 +437,7 @@ impl Job<'_> {
             frames_ms: updates,
             visible_receivers,
             visible_points,
-            bytes: renderer.bytes().values().sum(),
+            bytes: renderer.light().bytes().values().sum(),
         });
         last.ok_or(Error::Cancelled)
     }

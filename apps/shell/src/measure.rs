@@ -10,7 +10,7 @@ use multibounce::{
 use patches::PatchMesh;
 use patchlight::bake::direct_params;
 use patchlight::debug::DebugPicture;
-use patchlight::operator::{PatchOperator, SymmetricFactors};
+use patchlight::low_level::operator::{PatchOperator, SymmetricFactors};
 use reference::Picture;
 use scene::kernel::shade::decode_srgb;
 use scene::math::ln;

@@ -18,7 +18,7 @@ use assets::import::{Animation, LoadedScene, Target, View};
 use localmatrix::CameraFrame;
 use patchlight::memory::peak_memory_bytes;
 use patchlight::method::local::SHOWN_ALBEDO;
-use patchlight::{FrameResult, Renderer};
+use patchlight::{FrameResult, PictureRenderer};
 
 /// Time of a frame: the animation's length spread over the frames.
 pub fn frame_time(animation: &Animation, frame: u32, frames: u32) -> f32 {
@@ -147,13 +147,13 @@ impl Sequence {
     /// What the device says.
     pub fn add(
         &mut self,
-        renderer: &mut Renderer,
-        exact: Option<&mut Renderer>,
+        renderer: &mut PictureRenderer,
+        exact: Option<&mut PictureRenderer>,
         shot: &Shot,
         done: &FrameResult,
     ) -> Result<(), Error> {
-        let light = renderer.surface_irradiance()?;
-        let local = renderer.counted_report()?.local;
+        let light = renderer.light_mut().surface_irradiance()?;
+        let local = renderer.light_mut().counted_report()?.local;
         let mut error = None;
         let mut ssim = None;
         if let Some(exact) = exact {
@@ -164,7 +164,7 @@ impl Sequence {
             } else {
                 interruptible(|| exact.advance(shot.lighting, shot.camera))?;
             }
-            error = Some(distance(&light, &exact.surface_irradiance()?));
+            error = Some(distance(&light, &exact.light_mut().surface_irradiance()?));
         }
         let has_before = self.before.len() == light.len() && !light.is_empty();
         self.frames.push(Measured {

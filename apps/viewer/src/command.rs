@@ -5,8 +5,8 @@ use std::sync::Arc;
 
 use assets::import::LoadedScene;
 use clap::{ArgMatches, Args};
+use patchlight::low_level::operator::{BakedOperator, Build, BuildOn, Decode, OperatorKey};
 use patchlight::method::Preparation;
-use patchlight::operator::{BakedOperator, Build, BuildOn, Decode, OperatorKey};
 use patchlight::{Bake, MethodSettings};
 use runtime::executor::DeviceChoice;
 use serde::Serialize;

@@ -4,16 +4,14 @@ use std::sync::Arc;
 
 use glam::Vec3;
 use patchlight::debug::DebugKind;
-use patchlight::observe::Report;
-use patchlight::operator::{Build, Decode};
+use patchlight::low_level::operator::{Build, Decode};
 use patchlight::outputs::LiveProbes;
 use patchlight::{
-    Bake, MethodSettings, Observer, Picture, PixelLight, ReceiverKind, ReceiverUpdate, RenderSettings, Renderer,
-    run_phase,
+    Bake, LightSettings, MethodSettings, Observer, Picture, PictureRenderer, PictureSettings, PixelLight, ReceiverKind,
+    ReceiverUpdate,
 };
 use runtime::executor::{Executor, PassTime};
 use scene::{Camera, Scene, stops_to_scale};
-use transport::Phase;
 
 use crate::error::Error;
 use crate::lights::Edits;
@@ -40,7 +38,7 @@ struct Wanted {
 
 /// The light of a bake, and what was last shown of it.
 pub struct Live {
-    renderer: Renderer,
+    renderer: PictureRenderer,
     method: (String, MethodSettings),
     albedo: Vec<Option<Vec3>>,
     /// Probes of the object, once it was there.
@@ -64,17 +62,17 @@ impl Live {
     ) -> Result<Self, Error> {
         check(&bake)?;
         let chosen = state.methods.chosen();
-        let settings = RenderSettings {
-            method: chosen.settings,
-            decode: Decode::Auto,
-            build: Build::default(),
-            eye: state.eye.position,
-            size,
-            sub_frames: state.sub_frames,
-            receivers: ReceiverUpdate::InView,
-            direct: PixelLight::Smooth,
-        };
-        let renderer = Renderer::new(bake, executor, &settings, observer)?;
+        let light = LightSettings::default()
+            .with_method(chosen.settings)
+            .with_decode(Decode::Auto)
+            .with_build(Build::default())
+            .with_eye(state.eye.position);
+        let pictures = PictureSettings::default()
+            .with_size(size)
+            .with_sub_frames(state.sub_frames)
+            .with_receivers(ReceiverUpdate::InView)
+            .with_direct(PixelLight::Smooth);
+        let renderer = PictureRenderer::of_bake(bake, executor, &light, &pictures, observer)?;
         let method = (chosen.name.clone(), chosen.settings);
         let albedo = vec![None; state.albedo.len()];
         Ok(Self { renderer, method, albedo, probes: None, sub_frames: state.sub_frames, last: None, rest: 0 })
@@ -87,12 +85,12 @@ impl Live {
 
     /// Bytes of each part.
     pub fn bytes(&self) -> Vec<(String, u64)> {
-        self.renderer.bytes().into_iter().collect()
+        self.renderer.light().bytes().into_iter().collect()
     }
 
     /// The scene under the lights that are shown.
     pub fn scene(&self) -> &Scene {
-        self.renderer.scene()
+        self.renderer.light().scene()
     }
 
     /// Returns true if the light and its picture change no more by themselves.
@@ -116,7 +114,7 @@ impl Live {
         self.set_albedo(state)?;
         self.place_probes(state, observer)?;
         if size != self.size() || state.sub_frames != self.sub_frames {
-            self.renderer.set_picture(size, state.sub_frames)?;
+            self.renderer.resize(size, state.sub_frames)?;
             self.sub_frames = state.sub_frames;
             self.last = None;
         }
@@ -180,7 +178,7 @@ impl Live {
         if state.albedo == self.albedo {
             return Ok(());
         }
-        match self.renderer.set_albedo(&state.albedo) {
+        match self.renderer.light_mut().set_albedo(&state.albedo) {
             Ok(()) => self.albedo.clone_from(&state.albedo),
             Err(error @ patchlight::Error::AlbedoHeld { .. }) => {
                 state.facts.message = error.to_string();
@@ -196,9 +194,7 @@ impl Live {
         if !state.object.is_on || self.probes.is_some() {
             return Ok(());
         }
-        let bake = Arc::clone(self.renderer.bake());
-        let make = |report: &Report| LiveProbes::new(&bake, object::PROBES, object::PROBE_RAYS, report);
-        match run_phase(observer, Phase("probes"), make) {
+        match LiveProbes::new(self.renderer.light_mut(), object::PROBES, object::PROBE_RAYS, observer) {
             Ok(probes) => self.probes = Some(probes),
             Err(error) if error.is_cancelled() => return Err(error.into()),
             Err(error) => {
@@ -213,15 +209,15 @@ impl Live {
         let lighting = state.lighting.lighting();
         let update = self.renderer.display(&lighting, &wanted.camera, 0, wanted.exposure_stops)?;
         let displayed = self.renderer.displayed();
-        let handle = self.renderer.vulkan_mut().and_then(|vulkan| vulkan.buffer(displayed));
+        let handle = self.renderer.light_mut().vulkan_mut().and_then(|vulkan| vulkan.buffer(displayed));
         let size = self.size();
         match handle.filter(|_| wanted.object.is_none()) {
             Some(handle) => screen.set_picture(Side::Left, size, &Source::Device(handle))?,
             None => {
-                let mut bytes = self.renderer.executor_mut().download(displayed)?;
+                let mut bytes = self.renderer.light_mut().executor_mut().download(displayed)?;
                 if let Some((object, probes)) = wanted.object.zip(self.probes.as_mut()) {
-                    probes.update(&mut self.renderer)?;
-                    let scene = self.renderer.scene();
+                    probes.update(self.renderer.light_mut())?;
+                    let scene = self.renderer.light().scene();
                     object::draw(&mut bytes, &wanted.camera, wanted.exposure_stops, &object, probes, scene);
                 }
                 screen.set_picture(Side::Left, size, &Source::Host(&bytes))?;
@@ -238,7 +234,7 @@ impl Live {
         screen: &mut Screen,
     ) -> Result<Vec<PassTime>, Error> {
         let update = self.renderer.update_light(&state.lighting.lighting(), &wanted.camera)?;
-        let shown = self.renderer.debug_picture(kind, &wanted.camera, wanted.exposure_stops)?;
+        let shown = self.renderer.light_mut().debug_picture(kind, &wanted.camera, wanted.exposure_stops)?;
         let bytes = rgba(&shown.picture, shown.stops);
         screen.set_picture(Side::Left, self.size(), &Source::Host(&bytes))?;
         self.times(update.times)
@@ -246,7 +242,7 @@ impl Live {
 
     /// The times of an update and of what has finished since.
     fn times(&mut self, mut times: Vec<PassTime>) -> Result<Vec<PassTime>, Error> {
-        times.extend(self.renderer.executor_mut().finished_times()?);
+        times.extend(self.renderer.light_mut().executor_mut().finished_times()?);
         Ok(times)
     }
 }

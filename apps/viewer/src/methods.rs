@@ -1,7 +1,7 @@
 //! The methods that can be chosen, and why the others cannot.
 
+use patchlight::low_level::operator::{Build, Codec, OperatorKey};
 use patchlight::method::{FeedbackSettings, FirstShotSettings, LocalSettings, TemporalSettings};
-use patchlight::operator::{Build, Codec, OperatorKey};
 use patchlight::{Bake, MethodSettings};
 
 /// Settings that methods have at first.

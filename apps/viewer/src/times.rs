@@ -21,7 +21,7 @@ pub struct FrameTimes {
 impl FrameTimes {
     /// A frame whose passes took so long.
     pub fn new(passes: Vec<PassTime>, total: f64) -> Self {
-        Self { passes: patchlight::renderer::by_name(passes), total }
+        Self { passes: patchlight::light::by_name(passes), total }
     }
 
     /// The light update.

@@ -10,8 +10,10 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use glam::Vec3;
-use patchlight::operator::{Build, Codec};
-use patchlight::{Bake, BakeSettings, FileSettings, MethodSettings, Origin, RenderSettings, Renderer, Silent};
+use patchlight::low_level::operator::{Build, Codec};
+use patchlight::{
+    Bake, BakeSettings, FileSettings, LightSettings, MethodSettings, Origin, PictureRenderer, PictureSettings, Silent,
+};
 use program::{command, fails, leftovers, run, text};
 use runtime::cpu::Cpu;
 use scene::{Lighting, stops_to_scale};
@@ -136,10 +138,12 @@ fn picture(bake: &str, method: MethodSettings, size: (u32, u32), change: impl Fn
     let opened = Bake::open(bake.as_ref()).unwrap();
     let description = std::str::from_utf8(&opened.origin.application).unwrap().to_owned();
     let loaded = assets::LoadedScene::of_description(opened.bake.scene.clone(), &description).unwrap();
-    let settings = RenderSettings { method, size, sub_frames: 1, ..RenderSettings::default() };
+    let light = LightSettings::default().with_method(method);
+    let pictures = PictureSettings::default().with_size(size).with_sub_frames(1);
     let mut lighting = opened.bake.scene.lighting.clone();
     change(&mut lighting);
-    let mut renderer = Renderer::new(Arc::new(opened.bake), Box::new(Cpu::new()), &settings, &Silent).unwrap();
+    let mut renderer =
+        PictureRenderer::of_bake(Arc::new(opened.bake), Box::new(Cpu::new()), &light, &pictures, &Silent).unwrap();
     let camera = loaded.view.camera(size.0, size.1);
     let done = renderer.picture(&lighting, &camera, 0).unwrap();
     done.pictures.full.displayed_bytes(stops_to_scale(loaded.exposure_stops))

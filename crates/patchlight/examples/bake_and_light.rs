@@ -4,9 +4,8 @@
 use std::error::Error;
 use std::sync::Arc;
 
-use glam::Vec3;
-use patchlight::{Bake, BakeSettings, RenderSettings, Renderer, Silent};
-use runtime::executor::{DeviceChoice, open};
+use patchlight::glam::Vec3;
+use patchlight::{Bake, BakeSettings, DeviceChoice, LightSettings, PictureRenderer, PictureSettings, Silent, open};
 
 fn main() -> Result<(), Box<dyn Error>> {
     let loaded = assets::load_or_build("cornell")?;
@@ -15,14 +14,15 @@ fn main() -> Result<(), Box<dyn Error>> {
     println!("{} patches, {} receivers", bake.mesh.patches.len(), bake.receivers.points.len());
 
     let (executor, _) = open(&DeviceChoice::Auto)?;
-    let render = RenderSettings { size: (160, 120), sub_frames: 4, ..RenderSettings::default() };
-    let mut renderer = Renderer::new(bake, executor, &render, &Silent)?;
+    let light = LightSettings::default();
+    let pictures = PictureSettings::default().with_size((160, 120)).with_sub_frames(4);
+    let mut renderer = PictureRenderer::of_bake(bake, executor, &light, &pictures, &Silent)?;
     let camera = loaded.view.camera(160, 120);
     let mut lighting = loaded.scene.lighting.clone();
     for frame in 0..4 {
         lighting.lights[0].position += Vec3::X * 0.1;
         renderer.update_light(&lighting, &camera)?;
-        let indirect = renderer.surface_irradiance()?;
+        let indirect = renderer.light_mut().surface_irradiance()?;
         let mean = indirect.iter().sum::<Vec3>() / indirect.len() as f32;
         println!("frame {frame}: mean indirect irradiance {mean:.3} W/m2");
     }

@@ -1,9 +1,9 @@
 //! Light on a device of the caller's: its command buffers and fences, two frames in flight, no wait in between.
 #![allow(unsafe_code, reason = "Vulkan's own calls")]
 
-use patchlight::{Bake, BakeSettings, RenderSettings, Renderer, Silent};
-use runtime::vulkan::ash::{Entry, vk};
-use runtime::vulkan::{API_VERSION, BorrowedDevice, EnabledFeatures, Vulkan, enable_features};
+use patchlight::runtime::vulkan::ash::{Entry, vk};
+use patchlight::runtime::vulkan::{API_VERSION, BorrowedDevice, EnabledFeatures, Vulkan, enable_features};
+use patchlight::{Bake, BakeSettings, LightField, LightSettings, PictureRenderer, PictureSettings, Silent};
 use std::sync::Arc;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -31,24 +31,27 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         let ours = BorrowedDevice { instance, physical_device, device, queue_family: 0, queue, enabled };
         let vulkan = Box::new(Vulkan::borrow(ours.clone())?);
         let (instance, device) = (ours.instance, ours.device);
-        let mut renderer = Renderer::new(Arc::new(bake), vulkan, &RenderSettings::default(), &Silent)?;
-        let (camera, mut lighting) = (loaded.view.camera(16, 16), loaded.scene.lighting.clone());
+        let mut field = LightField::new(Arc::new(bake), vulkan, &LightSettings::default(), &Silent)?;
+        let mut lighting = loaded.scene.lighting.clone();
         for slot in [0, 1, 0, 1, 0, 1] {
             device.wait_for_fences(&fences[slot..=slot], true, u64::MAX)?;
             device.reset_fences(&fences[slot..=slot])?;
             device.begin_command_buffer(commands[slot], &vk::CommandBufferBeginInfo::default())?;
             lighting.lights[0].color *= 1.1;
-            renderer.vulkan_mut().ok_or("not a Vulkan executor")?.begin_recording(commands[slot], slot)?;
-            renderer.update_light(&lighting, &camera)?;
-            renderer.vulkan_mut().ok_or("not a Vulkan executor")?.end_recording()?;
+            field.vulkan_mut().ok_or("not a Vulkan executor")?.begin_recording(commands[slot], slot)?;
+            field.update(&lighting)?;
+            field.vulkan_mut().ok_or("not a Vulkan executor")?.end_recording()?;
             device.end_command_buffer(commands[slot])?;
             let buffers = [commands[slot]];
             device.queue_submit(queue, &[vk::SubmitInfo::default().command_buffers(&buffers)], fences[slot])?;
         }
         device.wait_for_fences(&fences, true, u64::MAX)?;
-        let buffer = renderer.irradiance().interpolated;
-        println!("irradiance of the interpolation points: {:?}", renderer.vulkan_mut().and_then(|v| v.buffer(buffer)));
-        println!("{} values, W/m2", renderer.surface_irradiance()?.len());
+        let buffer = field.buffers().interpolated;
+        println!("irradiance of the interpolation points: {:?}", field.vulkan_mut().and_then(|v| v.buffer(buffer)));
+        println!("{} values, W/m2", field.surface_irradiance()?.len());
+        println!("irradiance alone: {} kB on the device", field.device_bytes() >> 10);
+        let renderer = PictureRenderer::new(field, &PictureSettings::default())?;
+        println!("with pictures of 960 x 540: {} kB", renderer.light().device_bytes() >> 10);
         drop(renderer);
         fences.iter().for_each(|&fence| device.destroy_fence(fence, None));
         device.destroy_command_pool(pool, None);

@@ -3,7 +3,10 @@
 
 use std::sync::Arc;
 
-use patchlight::{Bake, BakeSettings, FramePlan, Method, MethodReport, RenderSettings, Renderer, Result, Silent};
+use patchlight::{
+    Bake, BakeSettings, FramePlan, LightField, LightSettings, Method, MethodReport, PictureRenderer, PictureSettings,
+    Result, Silent,
+};
 use runtime::cpu::Cpu;
 use runtime::recipe::formfactor::SparseTables;
 use transport::Csr;
@@ -44,11 +47,13 @@ fn main() -> std::result::Result<(), Box<dyn std::error::Error>> {
     let loaded = assets::load_or_build("cornell")?;
     let settings = BakeSettings { patch_count: 300, ..BakeSettings::default() };
     let bake = Arc::new(Bake::build(&loaded.scene, &settings, &Silent)?);
-    let render = RenderSettings { size: (80, 60), sub_frames: 1, ..RenderSettings::default() };
+    let light = LightSettings::default();
+    let pictures = PictureSettings::default().with_size((80, 60)).with_sub_frames(1);
     let camera = loaded.view.camera(80, 60);
     let ambient = Box::new(Ambient::new(&bake));
-    let mut ours = Renderer::with_method(Arc::clone(&bake), Box::new(Cpu::new()), &render, ambient)?;
-    let mut classic = Renderer::new(bake, Box::new(Cpu::new()), &render, &Silent)?;
+    let ours = LightField::with_method(Arc::clone(&bake), Box::new(Cpu::new()), &light, ambient)?;
+    let mut ours = PictureRenderer::new(ours, &pictures)?;
+    let mut classic = PictureRenderer::of_bake(bake, Box::new(Cpu::new()), &light, &pictures, &Silent)?;
     for (name, renderer) in [("ambient", &mut ours), ("classic", &mut classic)] {
         let picture = renderer.picture(&loaded.scene.lighting, &camera, 0)?;
         println!("{name:8} mean indirect radiance {:.4}", picture.pictures.indirect.mean());

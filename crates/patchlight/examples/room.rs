@@ -1,9 +1,9 @@
 //! A room put together in memory, with a lamp, and a sun through its window; no file. Prints light on its floor.
 
-use glam::Vec3;
-use patchlight::{Bake, BakeSettings, RenderSettings, Renderer, Silent};
-use runtime::cpu::Cpu;
-use scene::{Camera, Flux, Irradiance, LUMENS_PER_WATT, Light, Material, Mesh, Radiance, Scene, SurfacePoint};
+use patchlight::glam::Vec3;
+use patchlight::scene::{LUMENS_PER_WATT, math::luminance};
+use patchlight::{Bake, BakeSettings, Cpu, LightField, LightSettings, Point, PointKind, Silent};
+use patchlight::{Flux, Irradiance, Light, Material, Mesh, Radiance, Scene};
 
 /// Corner and two edges of each wall, m. The window, 2 m wide and 1.3 m high, is a gap in that of x = 0.
 const WALLS: [(&str, [[f32; 3]; 3]); 9] = [
@@ -32,15 +32,15 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let scene = room.build()?;
 
     let bake = Bake::build(&scene, &BakeSettings { patch_count: 500, ..BakeSettings::default() }, &Silent)?;
-    let mut renderer = Renderer::new(bake.into(), Box::new(Cpu::new()), &RenderSettings::default(), &Silent)?;
-    let camera = Camera::look_at(Vec3::new(4.5, 1.6, 2.0), Vec3::new(0.0, 1.2, 2.0), Vec3::Y, 60.0, 960, 540);
-    let floor = SurfacePoint { position: Vec3::new(4.0, 0.0, 3.0), normal: Vec3::Y, ..SurfacePoint::default() };
+    let mut field = LightField::new(bake.into(), Box::new(Cpu::new()), &LightSettings::default(), &Silent)?;
+    let desk = Point { position: Vec3::new(4.0, 0.75, 3.0), normal: Vec3::Y };
+    let desk = field.add_points(&[desk], PointKind::Irradiance, &Silent)?;
     let mut lighting = scene.lighting.clone();
     for share in [1.0, 0.0] {
         lighting.light_mut(lamp).expect("it was added above").color *= share;
-        renderer.update_light(&lighting, &camera)?;
-        let indirect = scene::math::luminance(renderer.irradiance_at(&[floor])?[0]) * LUMENS_PER_WATT;
-        println!("lamp × {share}: {indirect:.0} lx of indirect light on the floor");
+        field.update(&lighting)?;
+        let indirect = luminance(field.read(desk)?.values[0]) * LUMENS_PER_WATT;
+        println!("lamp × {share}: {indirect:.0} lx of indirect light at the height of a desk");
     }
     Ok(())
 }

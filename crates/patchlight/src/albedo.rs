@@ -11,8 +11,8 @@ use scene::{Material, NONE, Scene, SurfacePoint};
 
 use crate::bake::{Bake, enough_bounces};
 use crate::error::Error;
-use crate::frame::FramePlan;
-use crate::stage::source::Source;
+use crate::low_level::frame::FramePlan;
+use crate::low_level::stage::source::Source;
 
 /// Greatest albedo of a material.
 pub const MAX_ALBEDO: f32 = 0.95;
@@ -21,7 +21,7 @@ const OFFSETS: f32 = 4.0;
 /// Numbers of bounces are multiples of this, so that an albedo that rises a little seldom asks for another plan.
 const BOUNCES_STEP: u32 = 16;
 
-/// The albedo ρ, without unit, of everything that reflects light: [`crate::Renderer::set_albedo`].
+/// The albedo ρ, without unit, of everything that reflects light: [`crate::LightField::set_albedo`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct Albedo {
     /// Materials, `[materials]`, without a texture where it is not that of the bake; their emission is the bake's.

@@ -17,9 +17,9 @@ use transport::{Csr, HitCounts, Observer, Phase};
 use crate::energy::EnergyCheck;
 use crate::error::Error;
 use crate::form_factors::{ElementRows, Estimator, FormFactors, HOST, RowRays};
+use crate::low_level::operator::BakedOperator;
 use crate::memory::check_free;
 use crate::observe::{Report, run_phase};
-use crate::operator::BakedOperator;
 
 /// Receivers along the edge of a patch.
 const RECEIVERS_AN_EDGE: f32 = 3.0;

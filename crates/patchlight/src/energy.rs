@@ -13,7 +13,7 @@ use transport::{LinearOperator, QUADRANTS};
 
 use crate::bake::Bake;
 use crate::error::Error;
-use crate::stage::source::sky_exitance;
+use crate::low_level::stage::source::sky_exitance;
 
 /// Places at which rays are gathered, and rays of each.
 const PLACES: u32 = 4096;

@@ -208,7 +208,7 @@ pub enum Error {
     },
     /// Direct light of a caller's for another number of samples.
     #[error(
-        "direct light of {found} samples, and the bake has {expected}; give one value for each of Renderer::samples"
+        "direct light of {found} samples, and the bake has {expected}; give one value for each of LightField::samples"
     )]
     SampleLightCount {
         /// Samples of the bake.
@@ -226,8 +226,8 @@ pub enum Error {
     },
     /// A caller's direct light was in a buffer that an update has replaced by a larger one.
     #[error(
-        "the buffer with the direct light of the samples is another one now: ask Renderer::irradiance for it, write the light \
-         there, and call Renderer::set_sample_light again"
+        "the buffer with the direct light of the samples is another one now: ask LightField::buffers for it, write the light \
+         there, and call LightField::set_sample_light again"
     )]
     SampleLightLost,
     /// An albedo for another number of materials.
@@ -248,6 +248,16 @@ pub enum Error {
         material: usize,
         /// Value given.
         value: glam::Vec3,
+    },
+    /// A point of one's own that is nowhere, or looks nowhere.
+    #[error("point {index} is at {position} with the normal {normal}; give finite positions and unit normals")]
+    PointValue {
+        /// Index of the point.
+        index: usize,
+        /// Position given.
+        position: glam::Vec3,
+        /// Normal given.
+        normal: glam::Vec3,
     },
     /// A method whose operator holds the albedo of the bake.
     #[error(

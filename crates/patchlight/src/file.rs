@@ -40,8 +40,8 @@ use crate::bake::{Bake, BakeSettings, PatchBake, cut_scene, density_of};
 use crate::energy::EnergyCheck;
 use crate::error::Error;
 use crate::form_factors::{FormFactors, RowRays};
+use crate::low_level::operator::{BakedOperator, Build, Decode, OperatorKey};
 use crate::method::{MethodSettings, Preparation};
-use crate::operator::{BakedOperator, Build, Decode, OperatorKey};
 
 pub use localmatrix::beginning_of;
 pub use sections::{HEAD_BYTES, Kind, Section};

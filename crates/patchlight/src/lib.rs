@@ -1,39 +1,49 @@
 //! Diffuse global illumination by radiosity, as a library: bake a scene once, light it in every frame.
 //!
 //! [`Bake::build`] cuts a scene into patches and elements, estimates their form factors and places receivers;
-//! [`Bake::build_into`] keeps all of it in a file, which [`Bake::open`] has ready in a moment. A
-//! [`Renderer`] puts a bake on an executor: native code, a Vulkan device of its own, or one that is borrowed from an
-//! engine. [`Renderer::update_light`] finds the light of a frame, whatever lights, sky and emission have become,
-//! without waiting; [`Renderer::irradiance`] hands out the device buffers, and [`Renderer::picture`] shades a picture.
-//! An engine that knows the direct light already gives it: [`Renderer::set_sample_light`]. Methods whose operators do
-//! not hold the albedo take another one of each material: [`Renderer::set_albedo`].
+//! [`Bake::build_into`] keeps all of it in a file, which [`Bake::open`] has ready in a moment. There are two doors to
+//! its light:
+//!
+//! - A [`LightField`] puts a bake on an executor: native code, a Vulkan device of its own, or one that is borrowed from
+//!   an engine. [`LightField::update`] finds the light of a frame without waiting, whatever lights, sky and emission
+//!   have become; [`LightField::buffers`] hands out the device buffers, and [`LightField::add_points`] lights places of
+//!   one's own: vertices, texels, probes, sensors. It has no camera and no pictures. An engine that knows the direct
+//!   light already gives it: [`LightField::set_sample_light`]. Methods whose operators do not hold the albedo take
+//!   another one of each material: [`LightField::set_albedo`].
+//! - A [`PictureRenderer`] makes pictures of a light field: primary rays, direct light at pixels, shading, display.
 //!
 //! How light goes between patches is a [`Method`]: classic radiosity, the operator of all bounces, progressive
 //! feedback, sampled rows, the matrix round the camera, photons, or one's own. A frame is a plan of stages: direct
-//! light at samples → first exitance → the method → elements, receivers and interpolation points → pixels ([`stage`]).
+//! light at samples → first exitance → the method → elements, receivers and interpolation points → pixels
+//! ([`low_level::stage`]).
+//!
+//! This crate is the only one that an application needs: [`scene`], [`runtime`], [`transport`] and [`glam`] are
+//! re-exported, what is needed of them most often by its own name.
 //!
 //! Units: metres; exitance and irradiance W/m², radiance W/m²/sr, linear Rec.709 RGB.
 //! Equation: `B = E + ρ H`, `H = F B` (Goral et al. 1984).
 //!
 //! ```
 //! # extern crate assets as patchlight_assets;
-//! # extern crate runtime as patchlight_runtime;
 //! use std::sync::Arc;
 //!
-//! use patchlight::{Bake, BakeSettings, RenderSettings, Renderer, Silent};
-//! use patchlight_runtime::cpu::Cpu;
+//! use patchlight::{Bake, BakeSettings, Cpu, LightField, LightSettings, PictureRenderer, PictureSettings, Silent};
 //!
 //! let loaded = patchlight_assets::load_or_build("cornell")?;
 //! let settings = BakeSettings { patch_count: 200, receiver_density: 0.2, ..BakeSettings::default() };
 //! let bake = Arc::new(Bake::build(&loaded.scene, &settings, &Silent)?);
-//! let render = RenderSettings { size: (64, 48), sub_frames: 1, ..RenderSettings::default() };
-//! let mut renderer = Renderer::new(bake, Box::new(Cpu::new()), &render, &Silent)?;
-//! let camera = loaded.view.camera(64, 48);
+//! let mut light = LightField::new(bake, Box::new(Cpu::new()), &LightSettings::default(), &Silent)?;
 //! let mut lighting = loaded.scene.lighting.clone();
 //! lighting.lights[0].color *= 2.0;
-//! renderer.update_light(&lighting, &camera)?;
-//! let indirect = renderer.surface_irradiance()?;
+//! light.update(&lighting)?;
+//! let indirect = light.surface_irradiance()?;
 //! assert!(indirect.iter().all(|h| h.is_finite()));
+//!
+//! // A picture of it.
+//! let settings = PictureSettings::default().with_size((64, 48)).with_sub_frames(1);
+//! let mut renderer = PictureRenderer::new(light, &settings)?;
+//! let picture = renderer.picture(&lighting, &loaded.view.camera(64, 48), 0)?;
+//! assert!(picture.pictures.full.mean().min_element() > 0.0);
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
@@ -45,16 +55,16 @@ pub mod energy;
 pub mod error;
 pub mod file;
 pub mod form_factors;
-pub mod frame;
+pub mod light;
+pub mod low_level;
 pub mod memory;
 pub mod method;
 pub mod observe;
-pub mod operator;
 pub mod outputs;
 pub mod picture;
+pub mod pictures;
 mod pixels;
-pub mod renderer;
-pub mod stage;
+pub mod points;
 pub mod world;
 
 pub use albedo::{Albedo, MAX_ALBEDO};
@@ -63,13 +73,24 @@ pub use energy::{EnergyCheck, MeanRatio};
 pub use error::{Error, Result};
 pub use file::{BakeFile, FileSettings, Origin};
 pub use form_factors::{Estimator, FormFactors};
-pub use frame::{FrameInput, FramePlan};
+pub use light::{LightField, LightSettings, LightUpdate, ReceiverBuffers, SampleLight};
+pub use low_level::frame::{FrameInput, FramePlan};
+pub use low_level::operator::{Build, BuildOn, Codec, Decode};
+pub use low_level::stage::shade::PixelLight;
 pub use method::{Method, MethodReport, MethodSettings};
 pub use observe::run_phase;
 pub use picture::{Picture, Pictures};
+pub use pictures::{FrameResult, PendingPicture, PictureRenderer, PictureSettings, ReceiverUpdate};
 pub use pixels::PixelGather;
-pub use renderer::{
-    FrameResult, LightUpdate, PendingPicture, ReceiverBuffers, ReceiverUpdate, RenderSettings, Renderer, SampleLight,
-};
-pub use stage::shade::PixelLight;
+pub use points::{Point, PointKind, PointLight, PointSet};
 pub use transport::{Observer, Phase, Silent};
+
+pub use runtime::cpu::Cpu;
+pub use runtime::executor::{DeviceChoice, Executor, open};
+#[cfg(feature = "vulkan")]
+pub use runtime::vulkan::{BorrowedDevice, Vulkan};
+pub use scene::{
+    Camera, Flux, Intensity, Irradiance, Light, LightId, Lighting, Material, MaterialId, Mesh, Radiance, Scene,
+    SceneBuilder, SurfacePoint, TextureId,
+};
+pub use {glam, runtime, scene, transport};

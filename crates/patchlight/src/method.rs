@@ -1,4 +1,4 @@
-//! Light between patches in one frame: first exitance E in, irradiance H out. One file a method. One file a method.
+//! Light between patches in one frame: first exitance E in, irradiance H out. One file a method.
 
 pub mod classic;
 pub mod feedback;
@@ -10,18 +10,19 @@ pub mod temporal;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
+use glam::Vec3;
 use runtime::executor::{Executor, PassTime};
 use runtime::plan::{PassId, Range};
-use scene::Scene;
+use scene::{Scene, SurfacePoint};
 use transport::Observer;
 
 use crate::albedo::Albedo;
 use crate::bake::Bake;
 use crate::error::Error;
-use crate::frame::{FrameInput, FramePlan, LAST_BOUNCES};
+use crate::low_level::frame::{FrameInput, FramePlan, LAST_BOUNCES};
+use crate::low_level::operator::build::MATRICES;
+use crate::low_level::operator::{Build, Codec, Decode};
 use crate::memory::check_free;
-use crate::operator::build::MATRICES;
-use crate::operator::{Build, Codec, Decode};
 
 pub use feedback::FeedbackSettings;
 pub use firstshot::FirstShotSettings;
@@ -132,6 +133,13 @@ pub trait Method: Send {
         Ok(())
     }
 
+    /// Indirect irradiance at any points, W/m², where the method finds it otherwise than by rows over the elements; of
+    /// the last frame that [`Self::count`] was called for.
+    fn irradiance_at(&self, scene: &Scene, points: &[SurfacePoint], seed: u32) -> Option<Vec<Vec3>> {
+        let _ = (scene, points, seed);
+        None
+    }
+
     /// Report of the method and of its last frame.
     fn report(&self) -> MethodReport;
 
@@ -179,7 +187,7 @@ pub struct Preparation<'a> {
     /// Place where operators are built.
     pub build: &'a Build,
     /// Initial camera position, m.
-    pub eye: glam::Vec3,
+    pub eye: Vec3,
     /// Receives how far the work is.
     pub observer: &'a dyn Observer,
 }

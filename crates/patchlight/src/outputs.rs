@@ -1,6 +1,6 @@
 //! Light at the places where engines keep it: corners of triangles, texels of a lightmap, probes in the air.
 //!
-//! All of it is irradiance, W/m², of the last [`Renderer::update_light`]. Indirect light on surfaces is what pixels
+//! All of it is irradiance, W/m², of the last [`LightField::update`]. Indirect light on surfaces is what pixels
 //! show, interpolated between the receivers; in the air it is gathered by rays from each probe. Direct light is added
 //! by shadow rays.
 
@@ -24,7 +24,7 @@ use transport::kernel::view::vertices_at;
 
 use crate::bake::{Bake, ReceiverKind, direct_params};
 use crate::error::Error;
-use crate::renderer::Renderer;
+use crate::light::LightField;
 
 pub use live::LiveProbes;
 pub use planes::{CalculationPlane, PlaneKind, PlaneLight};
@@ -96,20 +96,20 @@ pub fn is_lit(bake: &Bake, point: &SurfacePoint) -> bool {
 ///
 /// # Errors
 /// [`Error::OutputReceivers`] unless receivers are on the mesh; what the device says.
-pub fn at_corners(renderer: &mut Renderer, part: LightPart, front: bool) -> Result<Vec<[Vec3; 3]>, Error> {
-    let indirect = indirect(renderer)?;
-    let mesh = &renderer.bake().receivers.interpolation;
+pub fn at_corners(field: &mut LightField, part: LightPart, front: bool) -> Result<Vec<[Vec3; 3]>, Error> {
+    let indirect = indirect(field)?;
+    let mesh = &field.bake().receivers.interpolation;
     let mut corners: Vec<[Vec3; 3]> =
         mesh.corner_irradiance(&indirect, front)?.iter().map(|corners| corners.map(Vec4::truncate)).collect();
     if part == LightPart::Indirect {
         return Ok(corners);
     }
     let is_lit = |side: &Sides| if front { side.front } else { side.back };
-    let sides = lit_sides(renderer.bake());
+    let sides = lit_sides(field.bake());
     let lit: Vec<usize> = (0..corners.len()).filter(|&triangle| is_lit(&sides[triangle])).collect();
     let points: Vec<SurfacePoint> =
-        lit.iter().flat_map(|&triangle| corner_points(renderer.scene(), triangle as u32, front)).collect();
-    let direct = direct(renderer.scene(), &points, 1);
+        lit.iter().flat_map(|&triangle| corner_points(field.scene(), triangle as u32, front)).collect();
+    let direct = direct(field.scene(), &points, 1);
     for (&triangle, direct) in lit.iter().zip(direct.chunks_exact(3)) {
         corners[triangle].iter_mut().zip(direct).for_each(|(sum, direct)| *sum += *direct);
     }
@@ -120,17 +120,17 @@ pub fn at_corners(renderer: &mut Renderer, part: LightPart, front: bool) -> Resu
 ///
 /// # Errors
 /// [`Error::OutputReceivers`] unless receivers are on the mesh; what the device says.
-pub fn on_lightmap(renderer: &mut Renderer, lightmap: &LightmapTexels, part: LightPart) -> Result<Vec<Vec4>, Error> {
-    let indirect = indirect(renderer)?;
-    let mesh = &renderer.bake().receivers.interpolation;
-    let tables = renderer.scene().tables();
+pub fn on_lightmap(field: &mut LightField, lightmap: &LightmapTexels, part: LightPart) -> Result<Vec<Vec4>, Error> {
+    let indirect = indirect(field)?;
+    let mesh = &field.bake().receivers.interpolation;
+    let tables = field.scene().tables();
     let at = |(place, point): (&Hit, &SurfacePoint)| {
         let front = tables.normal(place.triangle).dot(point.normal) > 0.0;
         interpolate_receivers(&mesh.grids, &mesh.cells, &mesh.vertices, &indirect, *place, front)
     };
     let mut values: Vec<Vec4> = lightmap.places.par_iter().zip(lightmap.points()).map(at).collect();
     if part == LightPart::Full {
-        let scene = renderer.scene();
+        let scene = field.scene();
         for (block, values) in (0..).zip(values.chunks_mut(TEXEL_BLOCK)) {
             let receivers = block * TEXEL_BLOCK..block * TEXEL_BLOCK + values.len();
             let taps: Vec<SurfacePoint> = receivers.filter_map(|k| lightmap.taps(scene, k)).flatten().collect();
@@ -147,10 +147,10 @@ pub fn on_lightmap(renderer: &mut Renderer, lightmap: &LightmapTexels, part: Lig
 ///
 /// # Errors
 /// What the device says; cancellation.
-pub fn in_volume(renderer: &mut Renderer, volume: &VoxelVolume, part: LightPart) -> Result<Vec<Vec4>, Error> {
-    let indirect = renderer.irradiance_at(volume.points())?;
+pub fn in_volume(field: &mut LightField, volume: &VoxelVolume, part: LightPart) -> Result<Vec<Vec4>, Error> {
+    let indirect = field.irradiance_at(volume.points())?;
     let mut values: Vec<Vec4> = indirect.iter().map(|h| h.extend(0.0)).collect();
-    add_direct(renderer.scene(), volume.points(), part, &mut values);
+    add_direct(field.scene(), volume.points(), part, &mut values);
     Ok(values)
 }
 
@@ -159,10 +159,10 @@ pub fn in_volume(renderer: &mut Renderer, volume: &VoxelVolume, part: LightPart)
 ///
 /// # Errors
 /// [`Error::OutputReceivers`] unless receivers are on the mesh; what the device says.
-pub fn on_view(renderer: &mut Renderer, camera: &Camera, part: LightPart) -> Result<Vec<Vec3>, Error> {
-    let indirect = indirect(renderer)?;
-    let mesh = &renderer.bake().receivers.interpolation;
-    let scene = renderer.scene();
+pub fn on_view(field: &mut LightField, camera: &Camera, part: LightPart) -> Result<Vec<Vec3>, Error> {
+    let indirect = indirect(field)?;
+    let mesh = &field.bake().receivers.interpolation;
+    let scene = field.scene();
     let tables = scene.tables();
     let seen = |pixel: u32| {
         let (x, y) = (pixel % camera.width, pixel / camera.width);
@@ -184,11 +184,11 @@ pub fn illuminance(irradiance: Vec3) -> f32 {
 }
 
 /// Indirect irradiance at the interpolation points.
-fn indirect(renderer: &mut Renderer) -> Result<Vec<Vec4>, Error> {
-    if renderer.bake().settings.receivers != ReceiverKind::Mesh {
+fn indirect(field: &mut LightField) -> Result<Vec<Vec4>, Error> {
+    if field.bake().settings.receivers != ReceiverKind::Mesh {
         return Err(Error::OutputReceivers);
     }
-    Ok(renderer.surface_irradiance()?.iter().map(|h| h.extend(0.0)).collect())
+    Ok(field.surface_irradiance()?.iter().map(|h| h.extend(0.0)).collect())
 }
 
 /// Direct irradiance at points, with more rays than a frame can afford, `together` of which share them.

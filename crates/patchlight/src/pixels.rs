@@ -7,8 +7,8 @@ use scene::kernel::shade::{pixel_albedo, pixel_radiance};
 use scene::{Camera, Hit, Light, Scene, SurfacePoint};
 
 use crate::error::Error;
+use crate::low_level::stage::shade::sub_frame_seed;
 use crate::picture::Picture;
-use crate::stage::shade::sub_frame_seed;
 
 /// Irradiance at some points, W/m², with the seed of their sub-frame.
 pub type Gather<'a> = dyn Fn(&[SurfacePoint], u32) -> Result<Vec<Vec4>, Error> + Sync + 'a;

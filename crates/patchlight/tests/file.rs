@@ -7,10 +7,11 @@ use std::sync::Arc;
 
 use glam::Vec3;
 use patchlight::file::beginning_of;
+use patchlight::low_level::operator::{Build, Codec};
 use patchlight::method::TemporalSettings;
-use patchlight::operator::{Build, Codec};
 use patchlight::{
-    Bake, BakeSettings, Error, FileSettings, MethodSettings, Observer, Origin, Phase, RenderSettings, Renderer, Silent,
+    Bake, BakeSettings, Error, FileSettings, LightSettings, MethodSettings, Observer, Origin, Phase, PictureRenderer,
+    PictureSettings, Silent,
 };
 use runtime::cpu::Cpu;
 use transport::Proceed;
@@ -36,10 +37,12 @@ fn bake_into(path: &Path, settings: &FileSettings, observer: &dyn Observer) -> R
 /// Indirect irradiance at the interpolation points.
 fn light(bake: &Arc<Bake>, method: MethodSettings, observer: &dyn Observer) -> Vec<Vec3> {
     let loaded = assets::load_or_build("cornell").unwrap();
-    let render = RenderSettings { size: (32, 24), sub_frames: 1, method, ..RenderSettings::default() };
-    let mut renderer = Renderer::new(Arc::clone(bake), Box::new(Cpu::new()), &render, observer).unwrap();
+    let light = LightSettings::default().with_method(method);
+    let pictures = PictureSettings::default().with_size((32, 24)).with_sub_frames(1);
+    let mut renderer =
+        PictureRenderer::of_bake(Arc::clone(bake), Box::new(Cpu::new()), &light, &pictures, observer).unwrap();
     renderer.update_light(&loaded.scene.lighting, &loaded.view.camera(32, 24)).unwrap();
-    renderer.surface_irradiance().unwrap()
+    renderer.light_mut().surface_irradiance().unwrap()
 }
 
 /// Stops at the first step of a phase.

@@ -1,6 +1,5 @@
 //! Light at corners, texels and probes is that of the pixels.
 
-use std::ops::ControlFlow;
 use std::sync::Arc;
 
 use assets::procedural;
@@ -11,19 +10,21 @@ use patchlight::outputs::{
     CalculationPlane, LightPart, LiveProbes, PlaneKind, ProbeVolume, at_corners, illuminance, in_volume, is_lit,
     lit_sides, on_lightmap, on_view,
 };
-use patchlight::{Bake, BakeSettings, ReceiverKind, RenderSettings, Renderer, Silent};
+use patchlight::{Bake, BakeSettings, LightSettings, PictureRenderer, PictureSettings, ReceiverKind, Silent};
 use runtime::cpu::Cpu;
 use scene::{
     Camera, LIGHT_POINT, Light, Material, ReceiverSet as _, Scene, SceneParts, SurfacePoint, Triangle, TriangleUv,
 };
 
 /// The Cornell box with the light of its lamp.
-fn lit(receivers: ReceiverKind) -> (Renderer, Arc<Bake>) {
+fn lit(receivers: ReceiverKind) -> (PictureRenderer, Arc<Bake>) {
     let loaded = procedural::build("cornell").unwrap();
     let settings = BakeSettings { patch_count: 200, receivers, receiver_rays: 256, ..BakeSettings::default() };
     let bake = Arc::new(Bake::build(&loaded.scene, &settings, &Silent).unwrap());
-    let frame = RenderSettings { size: (1, 1), sub_frames: 1, ..RenderSettings::default() };
-    let mut renderer = Renderer::new(bake.clone(), Box::new(Cpu::new()), &frame, &Silent).unwrap();
+    let light = LightSettings::default();
+    let pictures = PictureSettings::default().with_size((1, 1)).with_sub_frames(1);
+    let mut renderer =
+        PictureRenderer::of_bake(bake.clone(), Box::new(Cpu::new()), &light, &pictures, &Silent).unwrap();
     renderer.update_light(&loaded.scene.lighting, &loaded.view.camera(1, 1)).unwrap();
     (renderer, bake)
 }
@@ -39,15 +40,15 @@ fn difference(pairs: &[(Vec3, Vec3)]) -> f32 {
 #[test]
 fn a_lightmap_has_the_light_that_rays_from_its_texels_gather() {
     let (mut renderer, bake) = lit(ReceiverKind::Mesh);
-    let sides = lit_sides(renderer.bake());
+    let sides = lit_sides(renderer.light().bake());
     assert!(sides.iter().any(|side| side.front || side.back));
     let lightmap = LightmapTexels::new(&bake.scene, &sides, 0.05, &|point| is_lit(&bake, point)).unwrap();
-    let values = on_lightmap(&mut renderer, &lightmap, LightPart::Indirect).unwrap();
+    let values = on_lightmap(renderer.light_mut(), &lightmap, LightPart::Indirect).unwrap();
     // Every 40th texel, by rays of its own.
     let some: Vec<usize> = (0..values.len()).step_by(40).collect();
     assert!(some.len() > 30, "{}", some.len());
     let points: Vec<SurfacePoint> = some.iter().map(|&k| lightmap.points()[k]).collect();
-    let exact = renderer.irradiance_at(&points).unwrap();
+    let exact = renderer.light_mut().irradiance_at(&points).unwrap();
     let pairs: Vec<_> = some.iter().zip(&exact).map(|(&k, &exact)| (values[k].truncate(), exact)).collect();
     assert!(difference(&pairs) < 0.02, "{}", difference(&pairs));
     // Those of other texels are refused.
@@ -58,9 +59,9 @@ fn a_lightmap_has_the_light_that_rays_from_its_texels_gather() {
 #[test]
 fn the_full_light_is_the_direct_more() {
     let (mut renderer, bake) = lit(ReceiverKind::Mesh);
-    let corners = |renderer: &mut Renderer, part| at_corners(renderer, part, true).unwrap();
+    let corners = |renderer: &mut PictureRenderer, part| at_corners(renderer.light_mut(), part, true).unwrap();
     let (full, indirect) = (corners(&mut renderer, LightPart::Full), corners(&mut renderer, LightPart::Indirect));
-    let sides = lit_sides(renderer.bake());
+    let sides = lit_sides(renderer.light().bake());
     let mut brighter = 0;
     for ((full, indirect), side) in full.iter().zip(&indirect).zip(&sides) {
         for (full, indirect) in full.iter().zip(indirect) {
@@ -71,8 +72,8 @@ fn the_full_light_is_the_direct_more() {
     }
     assert!(brighter > 10, "{brighter} corners with direct light");
     let texels = LightmapTexels::new(&bake.scene, &sides, 0.2, &|point| is_lit(&bake, point)).unwrap();
-    let full = on_lightmap(&mut renderer, &texels, LightPart::Full).unwrap();
-    let indirect = on_lightmap(&mut renderer, &texels, LightPart::Indirect).unwrap();
+    let full = on_lightmap(renderer.light_mut(), &texels, LightPart::Full).unwrap();
+    let indirect = on_lightmap(renderer.light_mut(), &texels, LightPart::Indirect).unwrap();
     let brighter = full.iter().zip(&indirect).filter(|(full, indirect)| full.x > 1.1 * indirect.x).count();
     assert!(full.iter().zip(&indirect).all(|(full, indirect)| full.cmpge(*indirect).all()));
     assert!(brighter > full.len() / 4, "{brighter} of {}", full.len());
@@ -83,7 +84,7 @@ fn probes_from_files_give_the_light_of_the_volume() {
     let (mut renderer, bake) = lit(ReceiverKind::Mesh);
     let settings = VolumeSettings { size: VolumeSize::Count(27), ..VolumeSettings::default() };
     let volume = VoxelVolume::new(&bake.scene, &settings, &|point| is_lit(&bake, point)).unwrap();
-    let values = in_volume(&mut renderer, &volume, LightPart::Indirect).unwrap();
+    let values = in_volume(renderer.light_mut(), &volume, LightPart::Indirect).unwrap();
     let probes = ProbeVolume::new(&volume, values.clone()).unwrap();
     let (description, binary) = probes.to_files().unwrap();
     let read = ProbeVolume::from_files(&description, &binary).unwrap();
@@ -103,7 +104,7 @@ fn probes_from_files_give_the_light_of_the_volume() {
 #[test]
 fn live_probes_follow_the_light_of_a_renderer() {
     let (mut renderer, bake) = lit(ReceiverKind::Mesh);
-    let mut probes = LiveProbes::new(&bake, 27, 2048, &|_, _| ControlFlow::Continue(())).unwrap();
+    let mut probes = LiveProbes::new(renderer.light_mut(), 27, 2048, &Silent).unwrap();
     let camera = Camera::look_at(Vec3::ZERO, Vec3::Z, Vec3::Y, 50.0, 4, 4);
     let middle = 0.5 * (bake.scene.geometry.bounds.0 + bake.scene.geometry.bounds.1);
     let normals = [Vec3::X, Vec3::NEG_X, Vec3::Y, Vec3::NEG_Y, Vec3::Z];
@@ -112,9 +113,9 @@ fn live_probes_follow_the_light_of_a_renderer() {
         let mut lighting = bake.scene.lighting.clone();
         lighting.lights.iter_mut().for_each(|light| light.color *= scale);
         renderer.update_light(&lighting, &camera).unwrap();
-        probes.update(&mut renderer).unwrap();
+        probes.update(renderer.light_mut()).unwrap();
         let volume = probes.volume().clone();
-        let values = in_volume(&mut renderer, &volume, LightPart::Indirect).unwrap();
+        let values = in_volume(renderer.light_mut(), &volume, LightPart::Indirect).unwrap();
         for normal in normals {
             let found = probes.irradiance(middle, normal);
             let expected = volume.at(&values, middle, normal).unwrap().truncate();
@@ -124,15 +125,15 @@ fn live_probes_follow_the_light_of_a_renderer() {
         }
         before = probes.irradiance(middle, normals[0]);
     }
-    let (_, bake) = lit(ReceiverKind::Pixels);
-    let error = LiveProbes::new(&bake, 27, 16, &|_, _| ControlFlow::Continue(())).unwrap_err();
+    let (mut renderer, _) = lit(ReceiverKind::Pixels);
+    let error = LiveProbes::new(renderer.light_mut(), 27, 16, &Silent).unwrap_err();
     assert!(error.to_string().contains("receivers on the mesh"), "{error}");
 }
 
 #[test]
 fn corners_and_texels_need_receivers_on_the_mesh() {
     let (mut renderer, _) = lit(ReceiverKind::Pixels);
-    let error = at_corners(&mut renderer, LightPart::Indirect, true).unwrap_err().to_string();
+    let error = at_corners(renderer.light_mut(), LightPart::Indirect, true).unwrap_err().to_string();
     assert!(error.contains("receivers on the mesh"), "{error}");
 }
 
@@ -154,13 +155,15 @@ fn planes_under_a_lamp_have_the_illuminance_of_the_closed_form() {
     .unwrap();
     let settings = BakeSettings { patch_count: 16, receiver_rays: 64, ..BakeSettings::default() };
     let bake = Bake::build(&scene, &settings, &Silent).unwrap();
-    let frame = RenderSettings { size: (1, 1), sub_frames: 1, ..RenderSettings::default() };
-    let mut renderer = Renderer::new(Arc::new(bake), Box::new(Cpu::new()), &frame, &Silent).unwrap();
+    let light = LightSettings::default();
+    let pictures = PictureSettings::default().with_size((1, 1)).with_sub_frames(1);
+    let mut renderer =
+        PictureRenderer::of_bake(Arc::new(bake), Box::new(Cpu::new()), &light, &pictures, &Silent).unwrap();
     let camera = Camera::look_at(Vec3::new(0.0, 8.0, 0.1), Vec3::ZERO, Vec3::NEG_Z, 60.0, 8, 8);
     renderer.update_light(&scene.lighting, &camera).unwrap();
     for (kind, height) in [(PlaneKind::Horizontal, 0.8), (PlaneKind::Cylindrical, 1.2)] {
         let plane = CalculationPlane { kind, height, spacing: 0.9, area: None };
-        let light = plane.light(&mut renderer).unwrap();
+        let light = plane.light(renderer.light_mut()).unwrap();
         assert_eq!(light.counts, [9, 9]);
         for (k, lux) in (0u32..).zip(&light.lux) {
             let to = lamp - light.place(k);
@@ -177,11 +180,11 @@ fn planes_under_a_lamp_have_the_illuminance_of_the_closed_form() {
         assert!(least < mean && mean < greatest);
     }
     // What the camera sees is the floor.
-    let seen = on_view(&mut renderer, &camera, LightPart::Full).unwrap();
+    let seen = on_view(renderer.light_mut(), &camera, LightPart::Full).unwrap();
     let brightest = seen.iter().map(|&e| illuminance(e)).fold(0.0, f32::max);
     assert!((brightest / (illuminance(intensity) / 9.0) - 1.0).abs() < 0.1, "{brightest}");
     let endless = CalculationPlane { kind: PlaneKind::Horizontal, height: f32::NAN, spacing: 1.0, area: None };
-    assert!(endless.light(&mut renderer).unwrap_err().to_string().contains("height"));
+    assert!(endless.light(renderer.light_mut()).unwrap_err().to_string().contains("height"));
     let fine = CalculationPlane { height: 1.0, spacing: 1e-4, ..endless };
-    assert!(fine.light(&mut renderer).unwrap_err().to_string().contains("points of a plane"));
+    assert!(fine.light(renderer.light_mut()).unwrap_err().to_string().contains("points of a plane"));
 }

@@ -463,6 +463,11 @@ impl Plan {
         &self.buffers
     }
 
+    /// Bytes of all buffers; scratch buffers, which share memory, count each.
+    pub fn bytes(&self) -> u64 {
+        self.buffers.iter().map(|buffer| buffer.bytes).sum()
+    }
+
     /// All passes in their order.
     pub fn passes(&self) -> &[Pass] {
         &self.passes

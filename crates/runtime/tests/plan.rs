@@ -194,6 +194,72 @@ fn scratch_buffers_of_separate_lifetimes_share_memory() {
 }
 
 #[test]
+fn a_section_is_replaced_alone() {
+    let mut plan = Plan::new();
+    let [a, sum] = storage(&mut plan);
+    let scratch = plan.scratch("scratch", BYTES);
+    bounce(&mut plan, [a, a, a, scratch]).expect("valid");
+    let last = bounce(&mut plan, [scratch, a, a, sum]).expect("valid");
+    let base = plan.clone();
+    let section = plan.begin_section();
+    let refused = bounce(&mut plan, [scratch, a, a, sum]).unwrap_err();
+    assert!(matches!(&refused, PlanError::EarlierScratch { buffer, .. } if buffer == "scratch"), "{refused}");
+    let doubled = plan.storage("doubled", BYTES);
+    bounce(&mut plan, [sum, a, a, doubled]).expect("valid");
+
+    let mut cpu = Cpu::new();
+    cpu.load(plan.clone()).expect("loads");
+    cpu.upload_at(a, 0, bytemuck::cast_slice(&[1.0f32; 256])).expect("fits");
+    cpu.run().expect("runs");
+    let read = |cpu: &mut Cpu, buffer: BufferId| -> Vec<f32> {
+        let executor: &mut dyn Executor = cpu;
+        executor.download_table(buffer).expect("readable")
+    };
+    // E + ρ H with all ones: 2, 3, and 4 in the section.
+    assert!(read(&mut cpu, sum).iter().all(|&v| v == 3.0) && read(&mut cpu, doubled).iter().all(|&v| v == 4.0));
+
+    // Another section: what is before it keeps its contents, and its passes need not run again.
+    let mut other = base.clone();
+    assert_eq!(other.begin_section(), section);
+    let third = other.storage("third", 2 * BYTES);
+    let push = CountParams { count: 16 };
+    let ranges: [Range; 4] = [sum.into(), sum.into(), sum.into(), third.range(0, BYTES)];
+    let pass = other.pass("third", &FORMFACTOR_BOUNCE, &ranges, &push, 16).expect("valid");
+    cpu.load_after(other, section).expect("loads");
+    cpu.run_passes(&[pass]).expect("what it reads is there");
+    assert_eq!(read(&mut cpu, third)[..4], [12.0; 4], "3 + 3 · 3");
+
+    // One that does not fit leaves what was before.
+    let mut large = base.clone();
+    large.begin_section();
+    large.storage("large", u64::MAX / 2);
+    assert!(matches!(cpu.load_after(large, section), Err(ExecutorError::OutOfMemory { .. })));
+    assert!(read(&mut cpu, sum).iter().all(|&v| v == 3.0));
+    assert!(cpu.download(third).is_err(), "it is gone");
+    cpu.run_passes(&[last]).expect_err("scratch has ended");
+
+    // A plan that begins otherwise is refused, and nothing changes.
+    let mut unlike = Plan::new();
+    let [_, _] = storage(&mut unlike);
+    unlike.begin_section();
+    assert!(matches!(cpu.load_after(unlike, 1), Err(ExecutorError::Plan(PlanError::OtherSections { section: 1 }))));
+    assert!(read(&mut cpu, sum).iter().all(|&v| v == 3.0));
+}
+
+#[test]
+fn a_read_gives_the_bytes_of_its_time() {
+    let mut plan = Plan::new();
+    let [a] = storage(&mut plan);
+    let mut cpu = Cpu::new();
+    cpu.load(plan).expect("loads");
+    cpu.upload_at(a, 0, &[1; BYTES as usize]).expect("fits");
+    let read = cpu.begin_read(a).expect("readable");
+    cpu.upload_at(a, 0, &[2; BYTES as usize]).expect("fits");
+    assert_eq!(cpu.try_read(read).expect("sound").expect("at once"), vec![1; BYTES as usize]);
+    assert!(cpu.try_read(read).expect("sound").is_none(), "bytes are given once");
+}
+
+#[test]
 fn the_graph_prints() {
     let mut plan = Plan::new();
     let [a, b] = storage(&mut plan);

@@ -37,7 +37,7 @@ use crate::progress::Progress;
 use crate::report::page;
 use assets::LoadedScene;
 use patches::SceneResult;
-use patchlight::{Bake, BakeSettings, Estimator, RenderSettings, Renderer};
+use patchlight::{Bake, BakeSettings, Estimator, LightSettings, PictureRenderer, PictureSettings};
 pub use rows::Part;
 use rows::Row;
 use runtime::executor::{DeviceChoice, DeviceKind, open};
@@ -247,9 +247,15 @@ fn bake_settings(common: &Common, args: &Bench, loaded: &LoadedScene, count: usi
 
 /// Puts a bake on the device of the options. What there is to say of the device was said when the
 /// machine was described.
-fn load(common: &Common, bake: &Arc<Bake>, settings: &RenderSettings, progress: &Progress) -> Result<Renderer, Error> {
+fn load(
+    common: &Common,
+    bake: &Arc<Bake>,
+    light: &LightSettings,
+    pictures: &PictureSettings,
+    progress: &Progress,
+) -> Result<PictureRenderer, Error> {
     let (executor, _) = open(&DeviceChoice::parse(&common.device))?;
-    Ok(Renderer::new(Arc::clone(bake), executor, settings, progress)?)
+    Ok(PictureRenderer::of_bake(Arc::clone(bake), executor, light, pictures, progress)?)
 }
 
 impl Machine {

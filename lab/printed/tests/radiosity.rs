@@ -1,6 +1,8 @@
 //! Light by printed patches: it has no scale, and its shape is that of ours.
 
-use patchlight::{Bake, BakeSettings, Estimator, ReceiverKind, RenderSettings, Renderer, Silent};
+use patchlight::{
+    Bake, BakeSettings, Estimator, LightSettings, PictureRenderer, PictureSettings, ReceiverKind, Silent,
+};
 use printed::{Form, PrintedRadiosity, PrintedSettings};
 use scene::math::luminance;
 
@@ -23,8 +25,10 @@ fn light_by_printed_patches_has_no_scale() {
         ..BakeSettings::default()
     };
     let bake = Bake::build(&loaded.scene, &settings, &Silent).unwrap();
-    let render = RenderSettings { size: SIZE, sub_frames: 2, ..RenderSettings::default() };
-    let mut ours = Renderer::new(bake.into(), Box::new(runtime::cpu::Cpu::new()), &render, &Silent).unwrap();
+    let light = LightSettings::default();
+    let pictures = PictureSettings::default().with_size(SIZE).with_sub_frames(2);
+    let mut ours =
+        PictureRenderer::of_bake(bake.into(), Box::new(runtime::cpu::Cpu::new()), &light, &pictures, &Silent).unwrap();
     let ours = ours.picture(&loaded.scene.lighting, &camera, 0).unwrap().pictures.indirect;
     for form in [Form::Clusters, Form::Axes] {
         let settings = PrintedSettings { form, count: 200, voxel_size: None, seed: 1 };

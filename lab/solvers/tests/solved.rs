@@ -5,7 +5,9 @@ use std::sync::Arc;
 use assets::procedural;
 use glam::Vec3;
 use patches::PatchKind;
-use patchlight::{Bake, BakeSettings, Estimator, Method, Picture, RenderSettings, Renderer, Silent};
+use patchlight::{
+    Bake, BakeSettings, Estimator, LightField, LightSettings, Method, Picture, PictureRenderer, PictureSettings, Silent,
+};
 use runtime::cpu::Cpu;
 use solvers::{Links, Samples, Solved, Solver};
 
@@ -33,15 +35,18 @@ fn classic_solvers_render_the_picture_of_all_bounces() {
         Arc::new(Bake::build(&loaded.scene, &settings, &Silent).unwrap())
     };
     let size = (48, 36);
-    let settings = RenderSettings { size, sub_frames: 2, ..RenderSettings::default() };
+    let light = LightSettings::default();
+    let pictures = PictureSettings::default().with_size(size).with_sub_frames(2);
     let camera = loaded.view.camera(size.0, size.1);
     let indirect =
-        |mut renderer: Renderer| renderer.picture(&loaded.scene.lighting, &camera, 0).unwrap().pictures.indirect;
-    let classic =
-        |bake: &Arc<Bake>| indirect(Renderer::new(Arc::clone(bake), Box::new(Cpu::new()), &settings, &Silent).unwrap());
+        |mut renderer: PictureRenderer| renderer.picture(&loaded.scene.lighting, &camera, 0).unwrap().pictures.indirect;
+    let classic = |bake: &Arc<Bake>| {
+        indirect(PictureRenderer::of_bake(Arc::clone(bake), Box::new(Cpu::new()), &light, &pictures, &Silent).unwrap())
+    };
     let solved = |bake: &Arc<Bake>, solver: Solver| {
         let method: Box<dyn Method> = Box::new(Solved::new(solver, bake).unwrap());
-        indirect(Renderer::with_method(Arc::clone(bake), Box::new(Cpu::new()), &settings, method).unwrap())
+        let light = LightField::with_method(Arc::clone(bake), Box::new(Cpu::new()), &light, method).unwrap();
+        indirect(PictureRenderer::new(light, &pictures).unwrap())
     };
     let all = bake(PatchKind::Polygon, None);
     let exact = classic(&all);

@@ -17,8 +17,8 @@ use shell::output;
 use shell::progress::Progress;
 
 use patches::PatchMesh;
-use patchlight::operator::build::{MATRICES, check_memory};
-use patchlight::operator::{Codec, PatchOperator, SymmetricFactors, decoder_name, growth};
+use patchlight::low_level::operator::build::{MATRICES, check_memory};
+use patchlight::low_level::operator::{Codec, PatchOperator, SymmetricFactors, decoder_name, growth};
 use patchlight::{BakeSettings, FormFactors};
 use runtime::executor::{DeviceChoice, Executor, open};
 use shell::operator_error::{exact_product, relative_error};

@@ -3,8 +3,8 @@
 use clap::{Args, ValueEnum};
 use multibounce::BlockCodec;
 
+use patchlight::low_level::operator::{BuildOn, Codec, Decode};
 use patchlight::method::FeedbackSettings;
-use patchlight::operator::{BuildOn, Codec, Decode};
 
 use super::bake::parse_bytes;
 use super::common::parse_epsilon;

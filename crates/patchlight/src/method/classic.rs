@@ -9,7 +9,7 @@ use super::{Method, MethodReport, bytes};
 use crate::albedo::Albedo;
 use crate::bake::Bake;
 use crate::error::Error;
-use crate::frame::FramePlan;
+use crate::low_level::frame::FramePlan;
 
 /// Bounces by the form factors themselves.
 pub struct Classic {

@@ -11,9 +11,9 @@ use super::classic::Classic;
 use super::{Method, MethodReport, MethodSettings, Preparation, bytes, passes_so_far};
 use crate::albedo::Albedo;
 use crate::error::Error;
-use crate::frame::{FrameInput, FramePlan, zeros};
+use crate::low_level::frame::{FrameInput, FramePlan, zeros};
+use crate::low_level::operator::{OperatorKey, PatchOperator, accelerations};
 use crate::observe::run_phase;
-use crate::operator::{OperatorKey, PatchOperator, accelerations};
 
 /// Settings of light that bounces once a frame.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -33,7 +33,7 @@ use super::{Method, MethodReport, Preparation, bytes, passes_so_far};
 use crate::albedo::Albedo;
 use crate::bake::{Bake, ReceiverKind, direct_params};
 use crate::error::Error;
-use crate::frame::FramePlan;
+use crate::low_level::frame::FramePlan;
 use crate::observe::run_phase;
 
 /// Rays of a point whose light is gathered exactly.
@@ -436,17 +436,20 @@ impl FirstShot {
 
     /// Indirect irradiance at points, W/m²: the mean over rays of `T ρ (H_d + H)` at what they meet, H of the
     /// illumination maps, H_d by shadow rays, T what the medium leaves on the way. Where anything mirrors light or lets
-    /// it through, that of the maps' cell under the point: no ray finds what a lamp sends by way of a mirror.
+    /// it through, that of the maps' cell under a point on a surface: no ray finds what a lamp sends by way of a mirror.
     pub fn irradiance_at(&self, scene: &Scene, points: &[SurfacePoint], seed: u32) -> Vec<Vec3> {
         let maps = &self.maps;
         let estimate = &self.estimate;
         if scene.specular_material().is_some() {
-            let of_cell = |point: &SurfacePoint| {
-                let Some((hit, is_back)) = under(scene, point) else { return Vec3::ZERO };
-                let cell = maps.cell(hit.triangle, hit.u, hit.v, is_back);
-                estimate.irradiance.get(cell as usize).copied().unwrap_or(Vec3::ZERO)
+            let of_cell = |(index, point): (usize, &SurfacePoint)| match under(scene, point) {
+                Some((hit, is_back)) => {
+                    let cell = maps.cell(hit.triangle, hit.u, hit.v, is_back);
+                    estimate.irradiance.get(cell as usize).copied().unwrap_or(Vec3::ZERO)
+                }
+                // In the air there is no cell: rays find what the maps reflect.
+                None => gather(maps, estimate, scene, index as u32, point, seed),
             };
-            return points.par_iter().map(of_cell).collect();
+            return points.par_iter().enumerate().map(of_cell).collect();
         }
         let light = |(index, point): (usize, &SurfacePoint)| gather(maps, estimate, scene, index as u32, point, seed);
         points.par_iter().enumerate().map(light).collect()
@@ -684,6 +687,10 @@ impl Method for FirstShotMethod {
             photons: self.shot.sums.is_some().then(|| self.shot.round()),
             ..MethodReport::default()
         }
+    }
+
+    fn irradiance_at(&self, scene: &Scene, points: &[SurfacePoint], seed: u32) -> Option<Vec<Vec3>> {
+        Some(self.shot().irradiance_at(scene, points, seed))
     }
 
     fn as_any(&self) -> &dyn std::any::Any {

@@ -13,7 +13,7 @@ use transport::Phase;
 use super::{Method, MethodReport, Preparation};
 use crate::albedo::Albedo;
 use crate::error::Error;
-use crate::frame::{FrameInput, FramePlan};
+use crate::low_level::frame::{FrameInput, FramePlan};
 use crate::observe::run_phase;
 
 /// Albedo of the surface whose displayed value tells how much frames differ.
@@ -90,7 +90,7 @@ impl Method for Local {
     }
 
     fn before_frame(&mut self, input: &FrameInput, _: &mut (dyn Executor + 'static)) -> Result<(), Error> {
-        self.matrix.move_camera(input.camera.eye);
+        self.matrix.move_camera(input.eye);
         Ok(())
     }
 

@@ -8,8 +8,8 @@ use super::classic::Classic;
 use super::{Method, MethodReport, MethodSettings, Preparation, bytes};
 use crate::albedo::Albedo;
 use crate::error::Error;
-use crate::frame::FramePlan;
-use crate::operator::{Codec, OperatorKey, PatchOperator};
+use crate::low_level::frame::FramePlan;
+use crate::low_level::operator::{Codec, OperatorKey, PatchOperator};
 
 /// All bounces in one product.
 pub struct Multibounce {

@@ -13,9 +13,9 @@ use super::{Method, MethodReport, MethodSettings, Preparation, passes_so_far};
 use crate::albedo::Albedo;
 use crate::bake::{Bake, ReceiverKind};
 use crate::error::Error;
-use crate::frame::{FrameInput, FramePlan, LAST_BOUNCES};
+use crate::low_level::frame::{FrameInput, FramePlan, LAST_BOUNCES};
+use crate::low_level::operator::{OperatorKey, PatchOperator};
 use crate::observe::run_phase;
-use crate::operator::{OperatorKey, PatchOperator};
 
 /// Entries of a list that stands for a row of real numbers.
 const LIST_ENTRIES: usize = 1024;

@@ -1,58 +1,73 @@
-//! Probes in the air whose light follows a renderer from frame to frame.
+//! Probes in the air whose light follows a light field from update to update.
 
 use glam::{Vec3, Vec4};
-use patches::{Columns, VolumeSettings, VolumeSize, VoxelVolume};
+use patches::kernel::volume::CUBE_SIDES;
+use patches::{VolumeSettings, VolumeSize, VoxelVolume};
 use scene::ReceiverSet as _;
-use transport::{HitCounts, LinearOperator as _};
+use transport::Observer;
 
 use super::is_lit;
-use crate::bake::{Bake, ReceiverKind};
+use crate::bake::ReceiverKind;
 use crate::error::Error;
-use crate::observe::Report;
-use crate::renderer::Renderer;
+use crate::light::LightField;
+use crate::points::{Point, PointKind, PointLight, PointSet};
 
-/// A volume of ambient cubes ([`VoxelVolume`]) with the form factors from its receivers to the elements: geometry is at
-/// rest, so the indirect light of the probes, `H = F B` with the exitance B of the elements, is one product a frame. It
+/// A volume of ambient cubes ([`VoxelVolume`]) whose probes are [points](LightField::add_points) of a light field. It
 /// lights what moves through the scene; what moves neither reflects nor hides light.
 #[derive(Clone, Debug)]
 pub struct LiveProbes {
     volume: VoxelVolume,
-    rows: HitCounts,
+    set: PointSet,
     cubes: Vec<Vec4>,
 }
 
 impl LiveProbes {
-    /// About `count` probes over the bounds of a bake, with so many rays from each of their six sides; no light yet.
+    /// Adds about `count` probes over the bounds of a bake to its light field, with so many rays from each of their six
+    /// sides; no light yet.
     ///
     /// # Errors
     /// [`Error::OutputReceivers`] unless receivers are on the mesh, which say where light comes; [`Error::Medium`]; a
     /// scene without room for probes; cancellation.
-    pub fn new(bake: &Bake, count: u32, rays: u32, report: &Report) -> Result<Self, Error> {
+    pub fn new(field: &mut LightField, count: u32, rays: u32, observer: &dyn Observer) -> Result<Self, Error> {
+        let bake = field.bake().clone();
         if bake.settings.receivers != ReceiverKind::Mesh {
             return Err(Error::OutputReceivers);
         }
-        if bake.scene.has_medium() {
-            return Err(Error::Medium { what: "the light of live probes" });
-        }
         let settings = VolumeSettings { size: VolumeSize::Count(count), ..VolumeSettings::default() };
-        let volume = VoxelVolume::new(&bake.scene, &settings, &|point| is_lit(bake, point))?;
-        let mut rows = HitCounts::new(bake.mesh.elements.len())?;
-        let points = volume.points();
-        let offsets: Vec<u32> = (0..=points.len() as u32).collect();
-        let surfaces = bake.mesh.lighting(&bake.scene, Columns::Elements, points, &offsets, bake.settings.seed);
-        formfactor::add_hit_rows(&mut rows, &surfaces, rays, &report)?;
-        let cubes = vec![Vec4::ZERO; points.len()];
-        drop(surfaces);
-        Ok(Self { volume, rows, cubes })
+        let volume = VoxelVolume::new(&bake.scene, &settings, &|point| is_lit(&bake, point))?;
+        let first_of_each = volume.points().iter().step_by(CUBE_SIDES as usize);
+        let probes: Vec<Point> =
+            first_of_each.map(|side| Point { position: side.position, normal: side.normal }).collect();
+        let set = field.add_points_by_rays(&probes, PointKind::Cube, rays, observer)?;
+        let cubes = vec![Vec4::ZERO; volume.points().len()];
+        Ok(Self { volume, set, cubes })
     }
 
-    /// Takes the light of the last update of a renderer of the same bake; waits.
+    /// Takes the light of the last update; waits for it.
     ///
     /// # Errors
-    /// What the device says; a renderer of a bake with another number of elements.
-    pub fn update(&mut self, renderer: &mut Renderer) -> Result<(), Error> {
-        let exitance = renderer.download(renderer.irradiance().element_exitance)?;
-        Ok(self.rows.apply(&exitance, &mut self.cubes)?)
+    /// What the device says; a light field that has not been updated yet, or is not that of the probes.
+    pub fn update(&mut self, field: &mut LightField) -> Result<(), Error> {
+        let light = field.read(self.set)?;
+        self.take(&light);
+        Ok(())
+    }
+
+    /// Takes the newest light that has arrived, without waiting: [`LightField::try_read`]. Says which update it is of;
+    /// `None` before the first.
+    ///
+    /// # Errors
+    /// What the device says.
+    pub fn try_update(&mut self, field: &mut LightField) -> Result<Option<u32>, Error> {
+        let Some(light) = field.try_read(self.set)? else { return Ok(None) };
+        self.take(light);
+        Ok(Some(light.update))
+    }
+
+    fn take(&mut self, light: &PointLight) {
+        for (cube, value) in self.cubes.iter_mut().zip(&light.values) {
+            *cube = value.extend(0.0);
+        }
     }
 
     /// The probes.

@@ -5,7 +5,7 @@ use scene::{NONE, Scene, Sides, SurfacePoint, Visibility as _};
 
 use super::{LightPart, add_direct, at_corners, illuminance, lit_sides};
 use crate::error::Error;
-use crate::renderer::Renderer;
+use crate::light::LightField;
 
 /// Directions round a cylinder.
 const DIRECTIONS: u32 = 16;
@@ -56,10 +56,10 @@ impl CalculationPlane {
     /// # Errors
     /// [`Error::OutputReceivers`] unless receivers are on the mesh, [`transport::Error::Setting`] for a height or an
     /// area that are not finite, [`transport::Error::TooMany`] points; what the device says; cancellation.
-    pub fn light(&self, renderer: &mut Renderer) -> Result<PlaneLight, Error> {
-        let mut light = self.grid(renderer.scene())?;
-        let outer = outer_sides(renderer)?;
-        let scene = renderer.scene();
+    pub fn light(&self, field: &mut LightField) -> Result<PlaneLight, Error> {
+        let mut light = self.grid(field.scene())?;
+        let outer = outer_sides(field)?;
+        let scene = field.scene();
         let places: Vec<Vec3> = (0..light.lux.len() as u32).map(|k| light.place(k)).collect();
         let open: Vec<usize> = (0..places.len()).filter(|&k| is_in_the_open(scene, &outer, places[k])).collect();
         let normals = self.normals();
@@ -67,8 +67,8 @@ impl CalculationPlane {
             .flat_map(|&k| normals.iter().map(move |&normal| (k, normal)))
             .map(|(k, normal)| SurfacePoint { position: places[k], patch: NONE, normal, weight: 1.0 })
             .collect();
-        let mut values: Vec<Vec4> = renderer.irradiance_at(&points)?.iter().map(|e| e.extend(0.0)).collect();
-        add_direct(renderer.scene(), &points, LightPart::Full, &mut values);
+        let mut values: Vec<Vec4> = field.irradiance_at(&points)?.iter().map(|e| e.extend(0.0)).collect();
+        add_direct(field.scene(), &points, LightPart::Full, &mut values);
         for (&k, values) in open.iter().zip(values.chunks_exact(normals.len())) {
             let sum: f32 = values.iter().map(|e| illuminance(e.truncate())).sum();
             light.lux[k] = Some(sum / normals.len() as f32);
@@ -138,15 +138,15 @@ impl PlaneLight {
 
 /// The sides that bound what is not solid: those with receivers, and of these the fronts where they have nearly all of
 /// the indirect light, for light may leak into hollow walls.
-fn outer_sides(renderer: &mut Renderer) -> Result<Vec<Sides>, Error> {
+fn outer_sides(field: &mut LightField) -> Result<Vec<Sides>, Error> {
     let mut light = [0.0; 2];
     for (sum, front) in light.iter_mut().zip([true, false]) {
-        let corners = at_corners(renderer, LightPart::Indirect, front)?;
-        let of = renderer.scene().geometry.triangles.iter().zip(&corners);
+        let corners = at_corners(field, LightPart::Indirect, front)?;
+        let of = field.scene().geometry.triangles.iter().zip(&corners);
         let flux = of.map(|(t, e)| f64::from(t.edge_a.cross(t.edge_b).length() * illuminance(e[0] + e[1] + e[2])));
         *sum = flux.sum::<f64>();
     }
-    let mut sides = lit_sides(renderer.bake());
+    let mut sides = lit_sides(field.bake());
     if light[1] < MAX_BACKS * light[0] {
         sides.iter_mut().for_each(|side| side.back = false);
     }

@@ -19,8 +19,8 @@ use super::bake::POINTS;
 use super::levels::Levels;
 use crate::bake::direct_params;
 use crate::error::Error;
-use crate::stage::direct::{self, PointLight};
-use crate::stage::shade::{self, Indirect, PixelSettings, Shade, Shot};
+use crate::low_level::stage::direct::{self, PointLight};
+use crate::low_level::stage::shade::{self, Indirect, PixelSettings, Shade, Shot};
 
 /// Shadow rays of a point or pixel to each rectangle light, and to a sky map.
 const AREA_RAYS: u32 = 4;

@@ -18,8 +18,10 @@ use crate::references::{KeptNoise, KeptReference, ReferenceStore};
 use crate::report::{Figure, Section, Table, page, significant};
 use assets::import::LoadedScene;
 use assets::procedural;
-use patchlight::renderer::with_lights;
-use patchlight::{Bake, EnergyCheck, MeanRatio, MethodSettings, Pictures, RenderSettings, Renderer};
+use patchlight::light::with_lights;
+use patchlight::{
+    Bake, EnergyCheck, LightSettings, MeanRatio, MethodSettings, PictureRenderer, PictureSettings, Pictures,
+};
 
 /// Patches of a scene, unless it is said: as many as a picture of it has by default.
 const COUNT: u32 = 4000;
@@ -198,14 +200,9 @@ impl Measuring<'_> {
         let start = Instant::now();
         let bake = Arc::new(Bake::build(&loaded.scene, &bake_settings(common, args, loaded, count), progress)?);
         let bake_s = start.elapsed().as_secs_f64();
-        let settings = RenderSettings {
-            method: MethodSettings::Classic,
-            eye: loaded.view.eye,
-            size: truth.size(),
-            sub_frames: args.sub_frames,
-            ..RenderSettings::default()
-        };
-        let mut renderer = load(common, &bake, &settings, progress)?;
+        let light = LightSettings::default().with_method(MethodSettings::Classic).with_eye(loaded.view.eye);
+        let pictures = PictureSettings::default().with_size(truth.size()).with_sub_frames(args.sub_frames);
+        let mut renderer = load(common, &bake, &light, &pictures, progress)?;
         let shown = self.pictures(&mut renderer)?;
         let stops = loaded.exposure_stops;
         let scale = indirect_scale(&truth.pictures.indirect);
@@ -240,7 +237,7 @@ impl Measuring<'_> {
     }
 
     /// Pictures of two frames and the mean of all frames.
-    fn pictures(&self, renderer: &mut Renderer) -> Result<Shown, Error> {
+    fn pictures(&self, renderer: &mut PictureRenderer) -> Result<Shown, Error> {
         let Self { args, subject, progress, .. } = *self;
         let (loaded, size) = (&subject.loaded, subject.truth.size());
         let lighting = with_lights(&loaded.scene, &loaded.scene.lighting.lights);

@@ -20,7 +20,7 @@ use crate::sequence::Movement;
 use crate::summary::PassTimes;
 use assets::import::{Animation, LoadedScene};
 use contender::{Contender, FrameTime, Time};
-use patchlight::renderer::with_lights;
+use patchlight::light::with_lights;
 use patchlight::{Pictures, PixelGather};
 
 /// Spacings are shares of this length in scenes that are smaller, m.

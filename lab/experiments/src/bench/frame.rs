@@ -20,11 +20,11 @@ use crate::report::{Section, Table, page};
 use crate::sequence::{Movement, PIXELS, pass_ms};
 use crate::summary::{LightUpdate, PassTimes};
 use assets::import::LoadedScene;
+use patchlight::light::with_lights;
+use patchlight::low_level::operator::Codec;
 use patchlight::memory::peak_memory_bytes;
 use patchlight::method::{LocalSettings, TemporalSettings};
-use patchlight::operator::Codec;
-use patchlight::renderer::with_lights;
-use patchlight::{Bake, MethodSettings, ReceiverUpdate, RenderSettings, Renderer};
+use patchlight::{Bake, LightSettings, MethodSettings, PictureRenderer, PictureSettings, ReceiverUpdate};
 
 /// Scenes, unless some are named.
 const SCENES: [&str; 1] = ["office"];
@@ -153,7 +153,8 @@ impl Measuring<'_> {
         let Self { common, args, loaded, progress } = *self;
         let settings = bake_settings(common, args, loaded, count);
         let bake = Arc::new(Bake::build(&loaded.scene, &settings, progress)?);
-        let mut renderer = load(common, &bake, &self.render_settings(), progress)?;
+        let (light, pictures) = self.settings();
+        let mut renderer = load(common, &bake, &light, &pictures, progress)?;
         let events = match loaded.scene.lighting.lights.len() {
             0 | 1 => &[Event::Move, Event::Fly, Event::Rest][..],
             _ => &[Event::Move, Event::Fly, Event::Rest, Event::Switch],
@@ -174,15 +175,11 @@ impl Measuring<'_> {
     }
 
     /// Tiles, what is in view.
-    fn render_settings(&self) -> RenderSettings {
-        RenderSettings {
-            method: MethodSettings::Multibounce(Codec::LowRank { epsilon: EPSILON }),
-            eye: self.loaded.view.eye,
-            size: self.args.size(),
-            sub_frames: 1,
-            receivers: ReceiverUpdate::InView,
-            ..RenderSettings::default()
-        }
+    fn settings(&self) -> (LightSettings, PictureSettings) {
+        let method = MethodSettings::Multibounce(Codec::LowRank { epsilon: EPSILON });
+        let light = LightSettings::default().with_method(method).with_eye(self.loaded.view.eye);
+        let pictures = PictureSettings::default().with_size(self.args.size()).with_sub_frames(1);
+        (light, pictures.with_receivers(ReceiverUpdate::InView))
     }
 
     /// The lights and the camera of a frame.
@@ -211,7 +208,7 @@ impl Measuring<'_> {
     /// Light updates of all frames of an event.
     fn frames(
         &self,
-        renderer: &mut Renderer,
+        renderer: &mut PictureRenderer,
         method: &str,
         event: Event,
         receivers: ReceiverUpdate,
@@ -226,7 +223,7 @@ impl Measuring<'_> {
     /// Light updates of all frames of a movement; the first one, which makes memory ready, does not count.
     fn measured(
         &self,
-        renderer: &mut Renderer,
+        renderer: &mut PictureRenderer,
         named: &Named,
         shot: &dyn Fn(u32) -> (Vec<Light>, Camera),
     ) -> Result<Row, Error> {
@@ -255,8 +252,8 @@ impl Measuring<'_> {
         let Named { method, event, receivers } = *named;
         progress.note(&format!("{}: {method}, {event}: {:.2} ms", loaded.name, times.median_ms));
         let found = renderer.count_updated()?;
-        let bytes = renderer.bytes();
-        let bake = renderer.bake();
+        let bytes = renderer.light().bytes();
+        let bake = renderer.light().bake();
         let mut work = floors::work(bake, lights, receivers, found);
         if event == Event::Fly.name() {
             work.insert("mark", floors::of_pixels(args.size()));

@@ -19,10 +19,10 @@ use crate::report::{Section, Table, page, significant};
 use crate::sequence::{distance, flicker, pass_ms};
 use crate::summary::PassTimes;
 use assets::import::LoadedScene;
+use patchlight::low_level::operator::Codec;
 use patchlight::method::LocalSettings;
 use patchlight::method::local::display_white;
-use patchlight::operator::Codec;
-use patchlight::{Bake, MethodSettings, RenderSettings, Renderer};
+use patchlight::{Bake, LightSettings, MethodSettings, PictureRenderer, PictureSettings};
 use scene::Camera;
 
 /// Patches of a scene, unless it is said.
@@ -183,7 +183,7 @@ impl Measuring<'_> {
                 }
                 progress.note(&format!("{slots} slots, {name}:"));
                 let flown = self.fly(&mut light, &mut full, path)?;
-                let device = light.executor_mut().device().name.clone();
+                let device = light.light_mut().executor_mut().device().name.clone();
                 keep(Some(Row { device, path: name, slots, ..flown.row(&loaded.name, patches) }), None)?;
             }
         }
@@ -195,19 +195,14 @@ impl Measuring<'_> {
         self.truth.map_or(self.args.size(), Truth::size)
     }
 
-    fn load(&self, bake: &Arc<Bake>, method: MethodSettings, progress: &Progress) -> Result<Renderer, Error> {
-        let settings = RenderSettings {
-            method,
-            eye: self.loaded.view.eye,
-            size: self.size(),
-            sub_frames: self.args.sub_frames,
-            ..RenderSettings::default()
-        };
-        load(self.common, bake, &settings, progress)
+    fn load(&self, bake: &Arc<Bake>, method: MethodSettings, progress: &Progress) -> Result<PictureRenderer, Error> {
+        let light = LightSettings::default().with_method(method).with_eye(self.loaded.view.eye);
+        let pictures = PictureSettings::default().with_size(self.size()).with_sub_frames(self.args.sub_frames);
+        load(self.common, bake, &light, &pictures, progress)
     }
 
     /// The picture of the scene's own view against the reference, where there is one.
-    fn view(&self, method: String, light: &mut Renderer) -> Result<Option<Shown>, Error> {
+    fn view(&self, method: String, light: &mut PictureRenderer) -> Result<Option<Shown>, Error> {
         let Some(truth) = self.truth else { return Ok(None) };
         let loaded = self.loaded;
         let (width, height) = truth.size();
@@ -218,7 +213,7 @@ impl Measuring<'_> {
     }
 
     /// The frames of a path.
-    fn fly(&self, light: &mut Renderer, full: &mut Full, path: CameraPath) -> Result<Flown, Error> {
+    fn fly(&self, light: &mut PictureRenderer, full: &mut Full, path: CameraPath) -> Result<Flown, Error> {
         let path = path.animation(self.loaded);
         let (width, height) = self.size();
         let scale = stops_to_scale(self.loaded.exposure_stops);
@@ -234,13 +229,13 @@ impl Measuring<'_> {
             if is_cancelled() {
                 return Err(shell::Error::Cancelled.into());
             }
-            let now = light.surface_irradiance()?;
+            let now = light.light_mut().surface_irradiance()?;
             if before.len() == now.len() {
                 flown.flicker = flown.flicker.max(flicker(&now, &before, scale));
             }
             before = now;
             // The first frame makes all ready.
-            if let Some(local) = light.counted_report()?.local.filter(|_| frame > 0) {
+            if let Some(local) = light.light_mut().counted_report()?.local.filter(|_| frame > 0) {
                 flown.add(&local, &times);
             }
         }
@@ -251,7 +246,7 @@ impl Measuring<'_> {
     /// its passes.
     fn compare(
         &self,
-        light: &mut Renderer,
+        light: &mut PictureRenderer,
         full: &mut Full,
         camera: &Camera,
         frame: u32,
@@ -260,10 +255,10 @@ impl Measuring<'_> {
         let lighting = &self.loaded.scene.lighting;
         let scale = stops_to_scale(self.loaded.exposure_stops);
         let ours = interruptible(|| light.picture(lighting, camera, frame))?;
-        let irradiance = light.surface_irradiance()?;
+        let irradiance = light.light_mut().surface_irradiance()?;
         for (one, difference) in [(&mut full.classic, &mut flown.classic), (&mut full.unmerged, &mut flown.unmerged)] {
             let theirs = interruptible(|| one.picture(lighting, camera, frame))?.pictures.full;
-            let their_irradiance = one.surface_irradiance()?;
+            let their_irradiance = one.light_mut().surface_irradiance()?;
             *difference = difference.with(scale, (&ours.pictures.full, &irradiance), (&theirs, &their_irradiance));
         }
         Ok(ours.times)
@@ -272,8 +267,8 @@ impl Measuring<'_> {
 
 /// Matrix to compare with.
 struct Full {
-    classic: Renderer,
-    unmerged: Renderer,
+    classic: PictureRenderer,
+    unmerged: PictureRenderer,
 }
 
 /// Work of the frames of a path, all but the first.

@@ -23,9 +23,10 @@ use crate::sequence::pass_ms;
 use crate::summary::PassTimes;
 use ::patches::{MAX_PATCHES, PatchKind};
 use assets::import::LoadedScene;
-use patchlight::renderer::with_lights;
+use patchlight::light::with_lights;
 use patchlight::{
-    BakeSettings, Estimator, MethodSettings, PatchBake, Pictures, ReceiverKind, RenderSettings, Renderer,
+    BakeSettings, Estimator, LightSettings, MethodSettings, PatchBake, PictureRenderer, PictureSettings, Pictures,
+    ReceiverKind,
 };
 
 /// The break-down, the lights and the pictures are of the most clusters asked for up to this number.
@@ -214,11 +215,12 @@ impl Experiment<'_> {
         let is_timed = settings.receivers != ReceiverKind::Pixels;
         let frames = if is_timed { self.args.frames() } else { 1 };
         let shown = self.frames(&mut renderer, &self.loaded.scene.lighting.lights, case.size, frames)?;
-        let points = if truth.points.is_empty() { None } else { Some(renderer.irradiance_at(&truth.points)?) };
+        let points =
+            if truth.points.is_empty() { None } else { Some(renderer.light_mut().irradiance_at(&truth.points)?) };
         if is_main {
             self.write_pictures(CLUSTERS, &shown.pictures.indirect, truth)?;
         }
-        let bake = renderer.bake();
+        let bake = renderer.light().bake();
         self.add(Row {
             scene: self.loaded.name.clone(),
             part,
@@ -232,7 +234,7 @@ impl Experiment<'_> {
             bake_s: Some(bake_s),
             median_ms: shown.light_ms.filter(|_| is_timed),
             shade_ms: shown.shade_ms.filter(|_| is_timed),
-            bytes: Some(renderer.bytes().values().sum()),
+            bytes: Some(renderer.light().bytes().values().sum()),
             errors: Errors::of(&shown.pictures, points.as_deref(), truth, self.loaded.exposure_stops)?,
             reference_noise: truth.noise,
         })
@@ -240,7 +242,7 @@ impl Experiment<'_> {
 
     /// A bake on a device, of the last patches if only receivers differ, and the seconds that it
     /// takes from the beginning.
-    fn bake(&mut self, case: &Case) -> Result<(Renderer, f64), Error> {
+    fn bake(&mut self, case: &Case) -> Result<(PictureRenderer, f64), Error> {
         let start = self.progress.phases().len();
         let known = self.patches.take().filter(|(patches, _)| patches.are_of(&case.bake));
         let (patches, before) = match known {
@@ -252,13 +254,9 @@ impl Experiment<'_> {
         };
         let first = self.progress.phases().len();
         let bake = Arc::new(patches.clone().with_receivers(&case.bake, &self.progress)?);
-        let settings = RenderSettings {
-            eye: self.loaded.view.eye,
-            size: case.size,
-            sub_frames: case.sub_frames,
-            ..RenderSettings::default()
-        };
-        let renderer = load(self.common, &bake, &settings, &self.progress)?;
+        let light = LightSettings::default().with_eye(self.loaded.view.eye);
+        let pictures = PictureSettings::default().with_size(case.size).with_sub_frames(case.sub_frames);
+        let renderer = load(self.common, &bake, &light, &pictures, &self.progress)?;
         let own = seconds_since(&self.progress, first);
         self.patches = Some((patches, before));
         if is_cancelled() { Err(shell::Error::Cancelled.into()) } else { Ok((renderer, before + own)) }
@@ -267,7 +265,7 @@ impl Experiment<'_> {
     /// The first frame under these lights, and the median times of all.
     fn frames(
         &self,
-        renderer: &mut Renderer,
+        renderer: &mut PictureRenderer,
         lights: &[Light],
         size: (u32, u32),
         frames: u32,
@@ -456,7 +454,7 @@ impl Experiment<'_> {
         what: String,
         lights: &[Light],
         case: &Case,
-        renderer: &mut Renderer,
+        renderer: &mut PictureRenderer,
         truth: &Truth,
     ) -> Result<(), Error> {
         let shown = self.frames(renderer, lights, case.size, 1)?;
@@ -469,7 +467,7 @@ impl Experiment<'_> {
             }
         };
         let expected = traced.as_ref().unwrap_or(truth);
-        let bake = renderer.bake();
+        let bake = renderer.light().bake();
         self.add(Row {
             scene: self.loaded.name.clone(),
             part: Part::Lights,
@@ -483,7 +481,7 @@ impl Experiment<'_> {
             bake_s: None,
             median_ms: shown.light_ms,
             shade_ms: shown.shade_ms,
-            bytes: Some(renderer.bytes().values().sum()),
+            bytes: Some(renderer.light().bytes().values().sum()),
             errors: Errors::of(&shown.pictures, None, expected, self.loaded.exposure_stops)?,
             reference_noise: expected.noise,
         })

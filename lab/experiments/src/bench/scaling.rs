@@ -18,7 +18,7 @@ use crate::report::{Plot, Section, Series, Table, significant};
 use assets::import::LoadedScene;
 use patches::MAX_PATCHES;
 use patchlight::BakeSettings;
-use patchlight::renderer::with_lights;
+use patchlight::light::with_lights;
 
 /// Patches of the axis over them, unless some are asked for.
 const COUNTS: [u32; 5] = [512, 2048, 8192, 65_535, 262_144];

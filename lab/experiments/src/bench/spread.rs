@@ -18,8 +18,8 @@ use crate::progress::{Progress, interruptible, is_cancelled};
 use crate::report::{Plot, Section, Series, Table, page};
 use crate::sequence::{distance, flicker, frame_time};
 use assets::import::{Animation, LoadedScene};
-use patchlight::renderer::with_lights;
-use patchlight::{Bake, BakeSettings, MethodSettings, RenderSettings};
+use patchlight::light::with_lights;
+use patchlight::{Bake, BakeSettings, LightSettings, MethodSettings, PictureSettings};
 use reference::stops_to_scale;
 
 /// Patches of a scene, unless it is said.
@@ -149,17 +149,17 @@ fn sources(
     bake: &Arc<Bake>,
     progress: &Progress,
 ) -> Result<Vec<Vec<Vec4>>, Error> {
-    let settings =
-        RenderSettings { method: MethodSettings::Classic, size: SIZE, sub_frames: 1, ..RenderSettings::default() };
-    let mut renderer = load(common, bake, &settings, progress)?;
+    let light = LightSettings::default().with_method(MethodSettings::Classic);
+    let pictures = PictureSettings::default().with_size(SIZE).with_sub_frames(1);
+    let mut renderer = load(common, bake, &light, &pictures, progress)?;
     let path = Animation::or_default_path(loaded);
     let camera = loaded.view.camera(SIZE.0, SIZE.1);
     let mut found = Vec::new();
     for frame in 0..MOVING + REST {
         let time = frame_time(&path, frame.min(MOVING - 1), MOVING);
         renderer.advance(&with_lights(&loaded.scene, &path.at(time).0), &camera)?;
-        let source = renderer.irradiance().source;
-        found.push(renderer.download(source)?);
+        let source = renderer.light().buffers().source;
+        found.push(renderer.light_mut().download(source)?);
     }
     Ok(found)
 }

@@ -21,10 +21,10 @@ use crate::report::{Plot, Section, Series, Table, page};
 use crate::sequence::{distance, flicker, pass_ms};
 use crate::summary::PassTimes;
 use assets::import::{Animation, LoadedScene};
+use patchlight::light::with_lights;
 use patchlight::method::temporal::{RowKind, Sampled};
 use patchlight::method::{FeedbackSettings, TemporalSettings};
-use patchlight::renderer::with_lights;
-use patchlight::{Bake, MethodSettings, RenderSettings, Renderer};
+use patchlight::{Bake, LightSettings, MethodSettings, PictureRenderer, PictureSettings};
 
 /// Patches of a scene, unless it is said.
 const COUNT: u32 = 10_000;
@@ -173,15 +173,10 @@ impl Measuring<'_> {
     ) -> Result<(Row, Vec<Vec3>), Error> {
         let Self { common, args, loaded, truth } = self;
         let progress = Progress::new(true);
-        let settings = RenderSettings {
-            method,
-            eye: loaded.view.eye,
-            size: truth.size(),
-            sub_frames: args.sub_frames,
-            ..RenderSettings::default()
-        };
+        let light = LightSettings::default().with_method(method).with_eye(loaded.view.eye);
+        let pictures = PictureSettings::default().with_size(truth.size()).with_sub_frames(args.sub_frames);
         let start = Instant::now();
-        let mut light = load(common, bake, &settings, &progress)?;
+        let mut light = load(common, bake, &light, &pictures, &progress)?;
         let load_s = start.elapsed().as_secs_f64();
         let frames = self.frames(&mut light)?;
         let last = frames.shown[REST as usize].clone();
@@ -193,12 +188,12 @@ impl Measuring<'_> {
         let camera = loaded.view.camera(truth.size().0, truth.size().1);
         let pictures = interruptible(|| light.picture(&loaded.scene.lighting, &camera, 0))?.pictures;
         let indirect_exposure = indirect_scale(&truth.pictures.indirect);
-        let bytes = light.bytes();
+        let bytes = light.light().bytes();
         let bytes_of = |names: &[&str]| names.iter().filter_map(|name| bytes.get(*name)).sum();
         let row = Row {
             scene: loaded.name.clone(),
             method: name.to_owned(),
-            device: light.executor_mut().device().name.clone(),
+            device: light.light_mut().executor_mut().device().name.clone(),
             patches: bake.mesh.patches.len(),
             receivers: bake.receivers.points.len(),
             median_ms: median(&frames.method_ms),
@@ -223,7 +218,7 @@ impl Measuring<'_> {
     }
 
     /// Frames with other lights, then with the scene's own.
-    fn frames(&self, light: &mut Renderer) -> Result<Frames, Error> {
+    fn frames(&self, light: &mut PictureRenderer) -> Result<Frames, Error> {
         let loaded = self.loaded;
         let path = Animation::or_default_path(loaded);
         let away = with_lights(&loaded.scene, &path.at(path.duration() / 3.0).0);
@@ -235,7 +230,7 @@ impl Measuring<'_> {
             frames.method_ms.push(pass_ms(&times, "method"));
             frames.lookup_ms.push(pass_ms(&times, "lookup"));
             if frame + 1 >= AWAY {
-                frames.shown.push(light.surface_irradiance()?);
+                frames.shown.push(light.light_mut().surface_irradiance()?);
             }
         }
         Ok(frames)

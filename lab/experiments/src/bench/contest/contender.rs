@@ -22,7 +22,7 @@ use crate::probes::DeviceDdgi;
 use crate::progress::{Progress, interruptible};
 use crate::proxy::{ProxyRadiosity, ProxySettings};
 use crate::sequence::pass_ms;
-use patchlight::{Bake, Pictures, ReceiverUpdate, RenderSettings, Renderer};
+use patchlight::{Bake, LightField, LightSettings, PictureRenderer, PictureSettings, Pictures, ReceiverUpdate};
 use solvers::Solved;
 
 /// Seed that sets the paths of an opponent apart from those of the reference.
@@ -96,7 +96,7 @@ pub struct OwnPatches<'a> {
     method: PatchMethod,
     /// Ending of its name, beside others of its kind.
     label: &'static str,
-    renderer: Renderer,
+    renderer: PictureRenderer,
     build_s: f64,
     patches: usize,
 }
@@ -110,21 +110,20 @@ impl<'a> OwnPatches<'a> {
         method: PatchMethod,
         label: &'static str,
     ) -> Result<Self, Error> {
-        let settings = RenderSettings {
-            eye: view.loaded.view.eye,
-            size: view.args.size(),
-            sub_frames: view.args.sub_frames,
-            receivers: ReceiverUpdate::InView,
-            ..RenderSettings::default()
-        };
+        let light = LightSettings::default().with_eye(view.loaded.view.eye);
+        let pictures = PictureSettings::default()
+            .with_size(view.args.size())
+            .with_sub_frames(view.args.sub_frames)
+            .with_receivers(ReceiverUpdate::InView);
         let start = Instant::now();
         let renderer = match method.between {
             Between::Method(method) => {
-                load(view.common, bake, &RenderSettings { method, ..settings }, &Progress::new(true))?
+                load(view.common, bake, &light.with_method(method), &pictures, &Progress::new(true))?
             }
             Between::Solver(solver) => {
                 let solved = Box::new(Solved::new(solver, bake)?);
-                Renderer::with_method(Arc::clone(bake), executor_of(view)?, &settings, solved)?
+                let light = LightField::with_method(Arc::clone(bake), executor_of(view)?, &light, solved)?;
+                PictureRenderer::new(light, &pictures)?
             }
         };
         let build_s = bake_s + start.elapsed().as_secs_f64();
@@ -148,7 +147,7 @@ impl Contender for OwnPatches<'_> {
     }
 
     fn light(&mut self) -> Result<Vec<Vec3>, Error> {
-        Ok(self.renderer.surface_irradiance()?)
+        Ok(self.renderer.light_mut().surface_irradiance()?)
     }
 
     fn remembers(&self) -> bool {
@@ -161,15 +160,15 @@ impl Contender for OwnPatches<'_> {
     }
 
     fn at_points(&mut self, points: &[SurfacePoint]) -> Result<Option<Vec<Vec3>>, Error> {
-        Ok(Some(self.renderer.irradiance_at(points)?))
+        Ok(Some(self.renderer.light_mut().irradiance_at(points)?))
     }
 
     fn bytes(&self) -> u64 {
-        self.renderer.bytes().values().sum()
+        self.renderer.light().bytes().values().sum()
     }
 
     fn operator_bytes(&self) -> Option<u64> {
-        self.renderer.bytes().get(OPERATOR).copied()
+        self.renderer.light().bytes().get(OPERATOR).copied()
     }
 
     fn build_s(&self) -> f64 {

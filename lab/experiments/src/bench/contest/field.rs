@@ -11,8 +11,8 @@ use super::contender::{Contender, OwnPatches, Paths, Time, Volumetric, has_graph
 use crate::error::Error;
 use crate::progress::Progress;
 use crate::proxy::ProxySettings;
+use patchlight::low_level::operator::Codec;
 use patchlight::method::TemporalSettings;
-use patchlight::operator::Codec;
 use patchlight::{Bake, BakeSettings, Estimator, MethodSettings};
 use solvers::{Links, Samples, Solver};
 

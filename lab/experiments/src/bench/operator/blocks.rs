@@ -5,7 +5,7 @@ use std::time::Instant;
 
 use glam::Vec4;
 use multibounce::BlockCodec;
-use patchlight::operator::{Codec, Decode, PatchOperator, decoder_name};
+use patchlight::low_level::operator::{Codec, Decode, PatchOperator, decoder_name};
 use runtime::executor::Executor;
 use serde::Serialize;
 use shell::operator_error::relative_error;

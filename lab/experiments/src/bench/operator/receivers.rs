@@ -7,7 +7,7 @@ use formfactor::add_hit_rows;
 use glam::{Vec3, Vec4};
 use multibounce::{LowRank, LowRankWorkspace, TileSide, TileSource, halving_order};
 use patches::{Columns, Density, Sample, lit_sampler};
-use patchlight::operator::mean_visible_points;
+use patchlight::low_level::operator::mean_visible_points;
 use runtime::executor::Executor;
 use runtime::recipe::multibounce::{LowRankTables, OperatorTables, Product};
 use scene::sampling::hash3;

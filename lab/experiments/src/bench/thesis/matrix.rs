@@ -18,7 +18,7 @@ use crate::error::Error;
 use crate::measure::own_light;
 use crate::output;
 use crate::report::{Plot, Series, Table, significant};
-use patchlight::operator::{Codec, PatchOperator, SymmetricFactors};
+use patchlight::low_level::operator::{Codec, PatchOperator, SymmetricFactors};
 use patchlight::{Bake, BakeSettings, Estimator, ReceiverKind};
 use shell::operator_error::{exact_product, relative_error};
 

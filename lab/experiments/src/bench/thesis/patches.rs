@@ -16,7 +16,7 @@ use crate::progress::interruptible;
 use crate::proxy::{ProxyRadiosity, ProxySettings};
 use crate::report::{Table, significant};
 use ::patches::PatchKind;
-use patchlight::{Bake, BakeSettings, Estimator, ReceiverKind, RenderSettings};
+use patchlight::{Bake, BakeSettings, Estimator, LightSettings, PictureSettings, ReceiverKind};
 use printed::{Form, PrintedRadiosity, PrintedSettings};
 
 /// Bounces: those of printed form factors need not end.
@@ -76,8 +76,9 @@ fn measure(study: &Study, kind: PatchKind) -> Result<Outcome, Error> {
             ..BakeSettings::default()
         };
         let bake = Arc::new(interruptible(|| Bake::build(&loaded.scene, &settings, progress))?);
-        let render = RenderSettings { size: truth.size(), sub_frames: args.sub_frames, ..RenderSettings::default() };
-        let mut renderer = load(common, &bake, &render, progress)?;
+        let light = LightSettings::default();
+        let shown = PictureSettings::default().with_size(truth.size()).with_sub_frames(args.sub_frames);
+        let mut renderer = load(common, &bake, &light, &shown, progress)?;
         let frame = interruptible(|| renderer.picture(&loaded.scene.lighting, &camera, 0))?;
         let factors = &bake.form_factors.factors;
         let sum = |i: usize| {

@@ -12,7 +12,7 @@ use scene::kernel::bvh::FAR;
 
 use super::direct::DirectLight;
 use crate::bake::Bake;
-use crate::frame::FramePlan;
+use crate::low_level::frame::FramePlan;
 
 /// The passes, and what changes in them with the sky.
 #[derive(Clone, Copy, Debug)]

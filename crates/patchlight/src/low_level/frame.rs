@@ -1,19 +1,19 @@
 //! A frame as a plan: the buffers that its stages share, and what changes from frame to frame.
 
-use glam::Vec4;
+use glam::{Vec3, Vec4};
 use runtime::executor::{DeviceInfo, ExecutorError};
 use runtime::plan::{BufferId, PassId, Plan, Range};
 use runtime::recipe::formfactor::Surfaces;
 use runtime::recipe::scene::SceneTables;
 use runtime::recipe::{Tables, rgb_bytes};
-use scene::{Camera, Lighting, Scene};
+use scene::{Lighting, Scene};
 
 use crate::bake::{Bake, ReceiverKind};
 
 /// Bounces that do not go from patch to patch: to the elements, and to the receivers.
 pub const LAST_BOUNCES: u32 = 2;
 
-/// A frame's plan while its stages add their passes, in their order: direct, source, method, gather, shade.
+/// A frame's plan while its stages add their passes, in their order: direct, source, method, gather; then, in sections of their own, points and pictures.
 pub struct FramePlan<'a> {
     /// The bake that is lit.
     pub bake: &'a Bake,
@@ -45,10 +45,52 @@ pub struct FramePlan<'a> {
 pub struct FrameInput<'a> {
     /// Lights, sky and emission.
     pub lighting: &'a Lighting,
-    /// Camera.
-    pub camera: &'a Camera,
-    /// Counts the frames of the renderer, from 0.
+    /// Position of the viewer, m.
+    pub eye: Vec3,
+    /// Counts the updates of the light field, from 0.
     pub number: u32,
+}
+
+/// The buffers of a loaded plan, for sections on top of it.
+#[derive(Clone, Debug)]
+pub(crate) struct FrameTables {
+    pub scene: SceneTables,
+    patches: Surfaces,
+    elements: Surfaces,
+    received: BufferId,
+    interpolated: BufferId,
+    zeros: BufferId,
+}
+
+impl FrameTables {
+    /// Those of a plan.
+    pub fn of(frame: &FramePlan) -> Self {
+        Self {
+            scene: frame.scene.clone(),
+            patches: frame.patches,
+            elements: frame.elements,
+            received: frame.received,
+            interpolated: frame.interpolated,
+            zeros: frame.zeros,
+        }
+    }
+
+    /// A frame's plan that goes on where `plan` ends, without its tables, which are on the device.
+    pub fn plan<'a>(&self, bake: &'a Bake, bounces: u32, device: &'a DeviceInfo, plan: Plan) -> FramePlan<'a> {
+        FramePlan {
+            bake,
+            bounces,
+            device,
+            plan,
+            tables: Tables::new(),
+            scene: self.scene.clone(),
+            patches: self.patches,
+            elements: self.elements,
+            received: self.received,
+            interpolated: self.interpolated,
+            zeros: self.zeros,
+        }
+    }
 }
 
 impl<'a> FramePlan<'a> {

@@ -8,7 +8,7 @@ use runtime::recipe::rgb_bytes;
 use runtime::recipe::scene::{PassMedium, SceneTables};
 use scene::{DirectParams, Light};
 
-use crate::frame::FramePlan;
+use crate::low_level::frame::FramePlan;
 
 /// Most bytes of what is kept of the lights, each of two tables: of more lights, all are traced in each update.
 const MAX_KEPT: u64 = 1 << 30;

@@ -7,7 +7,7 @@ use super::build::{all_bounces_operator, form_factor_operator};
 use super::{Codec, PatchOperator};
 use crate::bake::{BakeSettings, ReceiverKind};
 use crate::error::Error;
-use crate::frame::LAST_BOUNCES;
+use crate::low_level::frame::LAST_BOUNCES;
 use crate::method::temporal::RowKind;
 use crate::method::{MethodSettings, Preparation, TemporalSettings};
 

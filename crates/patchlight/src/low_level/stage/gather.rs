@@ -8,7 +8,7 @@ use runtime::recipe::formfactor::{HitTables, SparseTables};
 use runtime::recipe::patches::WeightTables;
 use runtime::recipe::{add_pass, rgb_bytes};
 
-use crate::frame::FramePlan;
+use crate::low_level::frame::FramePlan;
 use crate::method::Method;
 use transport::QUADRANTS;
 

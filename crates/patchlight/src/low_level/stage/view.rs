@@ -14,7 +14,7 @@ use transport::QUADRANTS;
 
 use super::gather::ReceiverTables;
 use super::shade::{Indirect, Shade};
-use crate::frame::FramePlan;
+use crate::low_level::frame::FramePlan;
 
 /// Name of the passes that find out what is in view.
 pub const MARK: &str = "mark";

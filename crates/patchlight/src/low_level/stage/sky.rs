@@ -12,7 +12,7 @@ use scene::{SKY_BINS, Scene, sky_exitance};
 use transport::QUADRANTS;
 
 use super::gather::ReceiverTables;
-use crate::frame::FramePlan;
+use crate::low_level::frame::FramePlan;
 
 /// Name of the passes.
 pub const PASS: &str = "sky";
@@ -55,16 +55,20 @@ pub fn add(frame: &mut FramePlan, tables: &ReceiverTables) -> Result<SkyLight, E
 }
 
 impl SkyLight {
-    /// Puts the sky of a scene on the device, as far as a medium leaves it; the passes then find its light.
+    /// Exitance of the bins of a scene's sky, as far as a medium leaves it.
+    pub fn bins_of(&self, scene: &Scene) -> Vec<Vec4> {
+        let left = scene.transmittance(FAR).extend(1.0);
+        sky_exitance(&scene.lighting).into_iter().map(|exitance| exitance * left).collect()
+    }
+
+    /// Puts the bins of a sky on the device; the passes then find its light.
     ///
     /// # Errors
     /// What the device says.
-    pub fn set(&self, executor: &mut dyn Executor, scene: &Scene) -> Result<(), ExecutorError> {
+    pub fn set(&self, executor: &mut dyn Executor, bins: &[Vec4]) -> Result<(), ExecutorError> {
         if self.passes.is_empty() {
             return executor.clear(self.interpolated);
         }
-        let left = scene.transmittance(FAR).extend(1.0);
-        let bins: Vec<Vec4> = sky_exitance(&scene.lighting).into_iter().map(|exitance| exitance * left).collect();
-        executor.upload(self.bins, &bins)
+        executor.upload(self.bins, bins)
     }
 }

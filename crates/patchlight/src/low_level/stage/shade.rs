@@ -15,7 +15,7 @@ use super::bands::{Band, bands};
 use super::sky::SkyLight;
 use super::smooth::{SmoothLight, SmoothPasses};
 use crate::bake::ReceiverKind;
-use crate::frame::FramePlan;
+use crate::low_level::frame::FramePlan;
 
 /// Method for direct light of large sources at pixels: sky, rectangles, emissive triangles.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

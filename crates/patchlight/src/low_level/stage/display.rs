@@ -8,7 +8,7 @@ use scene::{Rgb, stops_to_scale};
 
 use super::bands::Band;
 use super::shade::Shade;
-use crate::frame::FramePlan;
+use crate::low_level::frame::FramePlan;
 
 /// Name of the passes.
 pub const PASS: &str = "display";
