@@ -61,7 +61,7 @@ fn points_in_the_air_of_a_furnace_have_the_closed_form() {
         let sets = kinds.map(|kind| field.add_points(&points, kind, &Silent).unwrap());
         field.update(&loaded.scene.lighting).unwrap();
         let close =
-            |found: Vec3, expected: Vec3| (found - expected).abs().max_element() < 0.03 * irradiance.max_element();
+            |found: Vec3, expected: Vec3| (found - expected).abs().max_element() < 0.05 * irradiance.max_element();
         for (kind, set) in kinds.into_iter().zip(sets) {
             let values = field.read(set).unwrap().values;
             assert_eq!(values.len(), points.len() * kind.values());
@@ -106,8 +106,10 @@ fn points_follow_the_light_on_every_executor() {
             field.update(&lighting).unwrap();
             let light = field.read(set).unwrap();
             let exact = field.irradiance_at(&places).unwrap();
+            // One place may be inside of a block.
+            assert!(exact.iter().filter(|exact| exact.min_element() > 0.0).count() >= 3, "{exact:?}");
             for (value, exact) in light.values.iter().zip(&exact) {
-                assert!((*value - *exact).abs().max_element() < 0.01 * exact.max_element(), "{value} {exact}");
+                assert!((*value - *exact).abs().max_element() <= 0.01 * exact.max_element(), "{value} {exact}");
             }
             found.extend(light.values.iter().map(|value| value.to_array().map(f32::to_bits)));
             found.extend(field.read(cubes).unwrap().values.iter().map(|value| value.to_array().map(f32::to_bits)));
@@ -173,7 +175,7 @@ fn points_of_one_set_stay_when_others_come_and_go() {
         field.update(&lighting).unwrap();
     }
     for (now, before) in field.read(second).unwrap().values.iter().zip(&before.1.values) {
-        assert!((*now - *before).abs().max_element() < 0.05 * before.max_element(), "{now} {before}");
+        assert!((*now - *before).abs().max_element() <= 0.05 * before.max_element(), "{now} {before}");
     }
     let wrong = [Point { position: Vec3::ZERO, normal: Vec3::ZERO }];
     let error = field.add_points(&wrong, PointKind::Irradiance, &Silent).unwrap_err().to_string();

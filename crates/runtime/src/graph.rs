@@ -40,10 +40,12 @@ impl Graph {
     /// Derives the slots of a plan, section by section: those of a section follow from it alone.
     pub fn new(plan: Plan) -> Self {
         let mut graph = Self { slot_of: vec![0; plan.buffers().len()], ..Self::default() };
-        let lifetimes = lifetimes(&plan);
         for section in 0..plan.section_count() {
-            let buffers = plan.section_start(section).buffers..plan.section_start(section + 1).buffers;
-            graph.add_slots(&plan, &lifetimes, buffers);
+            let start = plan.section_start(section);
+            let end = plan.section_start(section + 1);
+            // Passes of later sections change nothing of the slots here.
+            let lifetimes = lifetimes_within(&plan, start.passes..end.passes);
+            graph.add_slots(&plan, &lifetimes, start.buffers..end.buffers);
         }
         graph.written = plan.buffers().iter().map(|b| b.bytes == 0).collect();
         graph.plan = plan;
@@ -304,8 +306,13 @@ impl Graph {
 
 /// First and last pass that binds each buffer.
 pub fn lifetimes(plan: &Plan) -> Vec<Option<(usize, usize)>> {
+    lifetimes_within(plan, 0..plan.passes().len())
+}
+
+/// As [`lifetimes`], of some passes.
+fn lifetimes_within(plan: &Plan, passes: std::ops::Range<usize>) -> Vec<Option<(usize, usize)>> {
     let mut lifetimes = vec![None; plan.buffers().len()];
-    for (k, pass) in plan.passes().iter().enumerate() {
+    for (k, pass) in plan.passes().iter().enumerate().take(passes.end).skip(passes.start) {
         for bound in &pass.bound {
             let life: &mut Option<(usize, usize)> = &mut lifetimes[bound.buffer.0];
             *life = Some((life.map_or(k, |(first, _)| first), k));

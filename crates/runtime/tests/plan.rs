@@ -197,6 +197,7 @@ fn scratch_buffers_of_separate_lifetimes_share_memory() {
 fn a_section_is_replaced_alone() {
     let mut plan = Plan::new();
     let [a, sum] = storage(&mut plan);
+    let unused = plan.storage("unused", 2 * BYTES);
     let scratch = plan.scratch("scratch", BYTES);
     bounce(&mut plan, [a, a, a, scratch]).expect("valid");
     let last = bounce(&mut plan, [scratch, a, a, sum]).expect("valid");
@@ -218,10 +219,19 @@ fn a_section_is_replaced_alone() {
     // E + ρ H with all ones: 2, 3, and 4 in the section.
     assert!(read(&mut cpu, sum).iter().all(|&v| v == 3.0) && read(&mut cpu, doubled).iter().all(|&v| v == 4.0));
 
-    // Another section: what is before it keeps its contents, and its passes need not run again.
+    // Another section, which uses what was not used before it: what is before it keeps its contents, and its passes need not run again.
     let mut other = base.clone();
     assert_eq!(other.begin_section(), section);
     let third = other.storage("third", 2 * BYTES);
+    other
+        .pass(
+            "unused",
+            &FORMFACTOR_BOUNCE,
+            &[a.into(), a.into(), a.into(), unused.range(0, BYTES)],
+            &CountParams { count: COUNT },
+            COUNT,
+        )
+        .expect("valid");
     let push = CountParams { count: 16 };
     let ranges: [Range; 4] = [sum.into(), sum.into(), sum.into(), third.range(0, BYTES)];
     let pass = other.pass("third", &FORMFACTOR_BOUNCE, &ranges, &push, 16).expect("valid");
