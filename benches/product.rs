@@ -80,12 +80,8 @@ fn measure_dense(criterion: &mut Criterion, name: &str, operator: &impl LinearOp
 /// T of the light between the patches of a scene, and F for feedback.
 fn measure_operators(criterion: &mut Criterion, scene: &str) -> Result<(), Error> {
     let loaded = load_or_build(scene)?;
-    let settings = BakeSettings {
-        patch_count: PATCHES,
-        // No points of the surface: only the light between patches is measured.
-        receivers: ReceiverKind::Pixels,
-        ..BakeSettings::default()
-    };
+    // No points of the surface: only the light between patches is measured.
+    let settings = BakeSettings::default().with_patch_count(PATCHES).with_receivers(ReceiverKind::Pixels);
     let progress = Progress::new(true);
     let bake = Arc::new(Bake::build(&loaded.scene, &settings, &progress)?);
     let build = Build::default();

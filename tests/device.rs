@@ -28,12 +28,10 @@ fn a_bake_on_a_device_is_that_of_the_host() {
     let Some(mut vulkan) = vulkan() else { return };
     // Textured triangles, elements of clusters, receivers that see the sky.
     let loaded = load_or_build("atrium:3000").unwrap();
-    let settings = BakeSettings {
-        patch_count: 60,
-        estimator: Estimator::Hemisphere { rays: 256 },
-        receiver_rays: 64,
-        ..BakeSettings::default()
-    };
+    let settings = BakeSettings::default()
+        .with_patch_count(60)
+        .with_estimator(Estimator::Hemisphere { rays: 256 })
+        .with_receiver_rays(64);
     let rows = |bake: Bake| {
         let elements = bake.form_factors.element_rows.unwrap();
         assert!(elements.rows() > bake.mesh.patches.len(), "elements are finer than patches");
@@ -46,7 +44,7 @@ fn a_bake_on_a_device_is_that_of_the_host() {
     let own = rows(Bake::build(&loaded.scene, &settings, &Silent).unwrap());
     let notes = Notes::default();
     let build = |vulkan: &mut Vulkan, seed: u32| {
-        rows(Bake::build_on(vulkan, &loaded.scene, &BakeSettings { seed, ..settings }, &notes).unwrap())
+        rows(Bake::build_on(vulkan, &loaded.scene, &settings.with_seed(seed), &notes).unwrap())
     };
     assert!(own == build(&mut vulkan, 0));
     let told = notes.0.lock().unwrap().clone();
@@ -69,17 +67,14 @@ fn a_bake_on_a_device_is_that_of_the_host() {
 fn voxels_on_a_device_have_the_samples_of_the_host() {
     let Some(mut vulkan) = vulkan() else { return };
     let scene = load_or_build("office").unwrap().scene;
-    let settings = BakeSettings {
-        patches: PatchKind::Voxel,
-        patch_count: 60,
-        estimator: Estimator::Hemisphere { rays: 64 },
-        receivers: ReceiverKind::Patches,
-        ..BakeSettings::default()
-    };
+    let settings = BakeSettings::default()
+        .with_patches(PatchKind::Voxel)
+        .with_patch_count(60)
+        .with_estimator(Estimator::Hemisphere { rays: 64 })
+        .with_receivers(ReceiverKind::Patches);
     let own = Bake::build(&scene, &settings, &Silent).unwrap();
     let notes = Notes::default();
-    let mut build =
-        |seed: u32| Bake::build_on(&mut vulkan, &scene, &BakeSettings { seed, ..settings }, &notes).unwrap();
+    let mut build = |seed: u32| Bake::build_on(&mut vulkan, &scene, &settings.with_seed(seed), &notes).unwrap();
     let theirs = build(0);
     assert!(theirs.mesh.points == own.mesh.points && theirs.mesh.patches == own.mesh.patches);
     assert!(theirs.form_factors.factors == own.form_factors.factors);

@@ -27,7 +27,7 @@ fn settings(focus: Focus) -> BakeSettings {
         receiver_rays: 64,
         ..Setup::default()
     };
-    BakeSettings { focus, receiver_density: 0.1, ..setup.bake_settings() }
+    setup.bake_settings().with_focus(focus).with_receiver_density(0.1)
 }
 
 fn bake(loaded: &LoadedScene, focus: Focus) -> Bake {

@@ -446,9 +446,7 @@ fn paths_and_photons_know_luminaires() {
 fn a_renderer_follows_luminaires_that_change() {
     // Two of each kind, in a closed room.
     let loaded = load(&shared("room.toml")).unwrap_or_else(|error| panic!("{error}"));
-    let bake = Arc::new(
-        Bake::build(&loaded.scene, &BakeSettings { patch_count: 60, ..BakeSettings::default() }, &Silent).unwrap(),
-    );
+    let bake = Arc::new(Bake::build(&loaded.scene, &BakeSettings::default().with_patch_count(60), &Silent).unwrap());
     let camera = loaded.view.camera(16, 16);
     let fresh = || {
         PictureRenderer::of_bake(

@@ -23,10 +23,11 @@ use patchlight::method::{FeedbackSettings, FirstShotSettings, LocalSettings, Tem
 use patchlight::{
     Bake, BakeSettings, Estimator, LightSettings, MethodSettings, PictureRenderer, PictureSettings, Pictures,
 };
-use runtime::executor::{DeviceChoice, open};
+use runtime::executor::DeviceChoice;
 use runtime::graph::{Graph, Stage};
 use shell::Error;
 use shell::args::Common;
+use shell::device::open;
 use shell::errors::picture_errors;
 use shell::opened::build;
 use shell::output;
@@ -237,13 +238,11 @@ fn one_scene(
     progress: &Progress,
 ) -> Result<Outcome, Error> {
     output::make_folder(out)?;
-    let settings = BakeSettings {
-        patch_count: effort.patches,
-        estimator: Estimator::Hemisphere { rays: effort.rays },
-        receiver_rays: effort.rays / 2,
-        seed: common.seed,
-        ..BakeSettings::default()
-    };
+    let settings = BakeSettings::default()
+        .with_patch_count(effort.patches)
+        .with_estimator(Estimator::Hemisphere { rays: effort.rays })
+        .with_receiver_rays(effort.rays / 2)
+        .with_seed(common.seed);
     let (mut device, _) = open(&DeviceChoice::parse(&common.device))?;
     let bake = Arc::new(build(device.as_mut(), BuildOn::Auto, &loaded.scene, &settings, progress)?);
     drop(device);

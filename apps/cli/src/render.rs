@@ -23,11 +23,12 @@ use patchlight::{
     Bake, BakeSettings, FrameResult, LightSettings, MethodSettings, PictureRenderer, PictureSettings, Pictures,
     PixelLight, ReceiverUpdate,
 };
-use runtime::executor::{DeviceChoice, Executor, open};
+use runtime::executor::{DeviceChoice, Executor};
 use runtime::graph::Graph;
 use runtime::recipe::multibounce::Decoder;
 use shell::Error;
 use shell::args::{Bounces, Common, Method};
+use shell::device::open;
 use shell::opened::{Opened, best_method, build, open_device};
 use shell::output;
 use shell::path;

@@ -111,7 +111,7 @@ fn baked() -> (tempfile::TempDir, String) {
             scene_hash: loaded.content_hash,
             application: loaded.description().into_bytes(),
         },
-        bake: BakeSettings { patch_count: 150, ..BakeSettings::default() },
+        bake: BakeSettings::default().with_patch_count(150),
         methods: vec![MethodSettings::Multibounce(Codec::LowRank { epsilon: EPSILON })],
         build: Build::default(),
     };

@@ -8,7 +8,7 @@ use std::sync::Arc;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let loaded = assets::load_or_build("cornell")?;
-    let bake = Bake::build(&loaded.scene, &BakeSettings { patch_count: 300, ..BakeSettings::default() }, &Silent)?;
+    let bake = Bake::build(&loaded.scene, &BakeSettings::default().with_patch_count(300), &Silent)?;
     // SAFETY: handles live until the end; each command buffer is waited for by its fence before it is recorded again.
     unsafe {
         let entry = Entry::load()?;

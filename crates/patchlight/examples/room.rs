@@ -31,7 +31,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     room.set_sky(Radiance::nits(4000.0));
     let scene = room.build()?;
 
-    let bake = Bake::build(&scene, &BakeSettings { patch_count: 500, ..BakeSettings::default() }, &Silent)?;
+    let bake = Bake::build(&scene, &BakeSettings::default().with_patch_count(500), &Silent)?;
     let mut field = LightField::new(bake.into(), Box::new(Cpu::new()), &LightSettings::default(), &Silent)?;
     let desk = Point { position: Vec3::new(4.0, 0.75, 3.0), normal: Vec3::Y };
     let desk = field.add_points(&[desk], PointKind::Irradiance, &Silent)?;

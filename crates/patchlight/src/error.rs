@@ -2,8 +2,27 @@
 
 use std::path::PathBuf;
 
-/// Why something failed. Messages name the file, the place and the remedy.
+/// Kind of an error, by what its remedy concerns.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[non_exhaustive]
+pub enum ErrorKind {
+    /// A scene, lighting, settings or another argument.
+    Input,
+    /// A combination of scene, method and device that is not served.
+    Unsupported,
+    /// Memory of the host or of a device.
+    Memory,
+    /// A device, its driver or the system.
+    Device,
+    /// A file.
+    File,
+    /// The observer asked to stop.
+    Cancelled,
+}
+
+/// Why something failed. Messages name the file, the place and the remedy; [`Error::kind`] says what to do about it.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum Error {
     /// A device or a plan.
     #[error(transparent)]
@@ -268,6 +287,9 @@ pub enum Error {
         /// The method.
         method: &'static str,
     },
+    /// The system gives no thread for a bake in the background.
+    #[error("cannot start a thread: {0}; bake without one")]
+    Thread(#[source] std::io::Error),
     /// The user asked to stop.
     #[error("stopped")]
     Cancelled,
@@ -283,6 +305,33 @@ impl From<runtime::recipe::localmatrix::CopyError> for Error {
 }
 
 impl Error {
+    /// Kind of the error.
+    pub fn kind(&self) -> ErrorKind {
+        match self {
+            _ if self.is_cancelled() => ErrorKind::Cancelled,
+            Self::Executor(error) if error.is_out_of_memory() => ErrorKind::Memory,
+            Self::OperatorMemory { .. }
+            | Self::OperatorPanels { .. }
+            | Self::DeviceMemory { .. }
+            | Self::MemoryLimit { .. }
+            | Self::TooLarge { .. } => ErrorKind::Memory,
+            Self::Executor(_) | Self::Thread(_) => ErrorKind::Device,
+            Self::Write { .. } | Self::Json(_) | Self::Probes { .. } | Self::Bake(_) | Self::OtherScene { .. } => {
+                ErrorKind::File
+            }
+            Self::Medium { .. }
+            | Self::MediumReceivers
+            | Self::FirstShotReceivers
+            | Self::OutputReceivers
+            | Self::PatchesAsReceivers { .. }
+            | Self::NoTextureUnit { .. }
+            | Self::WideBlocks { .. }
+            | Self::NoBlockEncoder { .. }
+            | Self::AlbedoHeld { .. } => ErrorKind::Unsupported,
+            _ => ErrorKind::Input,
+        }
+    }
+
     /// Returns true if the observer asked to stop.
     pub fn is_cancelled(&self) -> bool {
         match self {

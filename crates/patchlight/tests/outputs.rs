@@ -19,7 +19,7 @@ use scene::{
 /// The Cornell box with the light of its lamp.
 fn lit(receivers: ReceiverKind) -> (PictureRenderer, Arc<Bake>) {
     let loaded = procedural::build("cornell").unwrap();
-    let settings = BakeSettings { patch_count: 200, receivers, receiver_rays: 256, ..BakeSettings::default() };
+    let settings = BakeSettings::default().with_patch_count(200).with_receivers(receivers).with_receiver_rays(256);
     let bake = Arc::new(Bake::build(&loaded.scene, &settings, &Silent).unwrap());
     let light = LightSettings::default();
     let pictures = PictureSettings::default().with_size((1, 1)).with_sub_frames(1);
@@ -153,7 +153,7 @@ fn planes_under_a_lamp_have_the_illuminance_of_the_closed_form() {
         ..SceneParts::default()
     })
     .unwrap();
-    let settings = BakeSettings { patch_count: 16, receiver_rays: 64, ..BakeSettings::default() };
+    let settings = BakeSettings::default().with_patch_count(16).with_receiver_rays(64);
     let bake = Bake::build(&scene, &settings, &Silent).unwrap();
     let light = LightSettings::default();
     let pictures = PictureSettings::default().with_size((1, 1)).with_sub_frames(1);

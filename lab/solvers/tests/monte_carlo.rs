@@ -11,13 +11,11 @@ use transport::Csr;
 /// Reciprocal form factors between the polygons of the Cornell box, and their areas, m².
 fn factors() -> (Csr, Vec<f32>) {
     let scene = assets::procedural::build("cornell").unwrap().scene;
-    let settings = BakeSettings {
-        patches: PatchKind::Polygon,
-        patch_count: 120,
-        estimator: Estimator::Hemisphere { rays: 512 },
-        receivers: ReceiverKind::Pixels,
-        ..BakeSettings::default()
-    };
+    let settings = BakeSettings::default()
+        .with_patches(PatchKind::Polygon)
+        .with_patch_count(120)
+        .with_estimator(Estimator::Hemisphere { rays: 512 })
+        .with_receivers(ReceiverKind::Pixels);
     let bake = Bake::build(&scene, &settings, &Silent).unwrap();
     let Reciprocal { factors, area, .. } = reciprocal(&bake.form_factors.factors, &bake.mesh.areas()).unwrap();
     (factors, area)

@@ -22,16 +22,14 @@ fn error(ours: &Picture, exact: &Picture) -> f32 {
 fn classic_solvers_render_the_picture_of_all_bounces() {
     let loaded = procedural::build("cornell").unwrap();
     let bake = |patches: PatchKind, bounces: Option<u32>| {
-        let settings = BakeSettings {
-            patches,
-            patch_count: 200,
-            estimator: Estimator::Hemisphere { rays: 1024 },
-            bounces,
-            receiver_density: 0.3,
-            receiver_rays: 256,
-            seed: 3,
-            ..BakeSettings::default()
-        };
+        let settings = BakeSettings::default()
+            .with_patches(patches)
+            .with_patch_count(200)
+            .with_estimator(Estimator::Hemisphere { rays: 1024 })
+            .with_bounces(bounces)
+            .with_receiver_density(0.3)
+            .with_receiver_rays(256)
+            .with_seed(3);
         Arc::new(Bake::build(&loaded.scene, &settings, &Silent).unwrap())
     };
     let size = (48, 36);

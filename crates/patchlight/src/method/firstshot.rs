@@ -14,13 +14,17 @@ use glam::{Vec2, Vec3, Vec4};
 use patches::PatchMesh;
 use rayon::prelude::*;
 use runtime::cpu::Cpu;
-use runtime::executor::{DeviceChoice, DeviceKind, Executor, ExecutorError, PassTime, open};
+#[cfg(feature = "vulkan")]
+use runtime::executor::{DeviceChoice, open_validated};
+use runtime::executor::{DeviceKind, Executor, ExecutorError, PassTime};
 use runtime::plan::{PassId, Plan, Range};
 use runtime::recipe::firstshot::{PhotonPasses, PhotonTargets};
 use runtime::recipe::formfactor::SparseTables;
 use runtime::recipe::rays::RayStops;
 use runtime::recipe::scene::SceneTables;
 use runtime::recipe::{Tables, rgb_bytes};
+#[cfg(feature = "vulkan")]
+use runtime::vulkan::Validation;
 use scene::kernel::bvh::FAR;
 use scene::kernel::camera::surface_point;
 use scene::kernel::light::direct_irradiance;
@@ -583,7 +587,13 @@ impl FirstShotMethod {
 fn same_device(executor: &dyn Executor) -> Result<Option<Box<dyn Executor>>, Error> {
     let device = executor.device();
     match device.index {
-        Some(index) => Ok(Some(open(&DeviceChoice::Index(index))?.0)),
+        #[cfg(feature = "vulkan")]
+        Some(index) => {
+            let validation = if device.has_validation { Validation::Required } else { Validation::Off };
+            Ok(Some(open_validated(&DeviceChoice::Index(index), validation)?.0))
+        }
+        #[cfg(not(feature = "vulkan"))]
+        Some(_) => Ok(None),
         None if device.kind == DeviceKind::Native => Ok(Some(Box::new(Cpu::new()))),
         None => Ok(None),
     }

@@ -15,10 +15,11 @@ use patchlight::low_level::operator::build::{MATRICES, check_memory};
 use patchlight::low_level::operator::{PatchOperator, SymmetricFactors, accelerations};
 use patchlight::memory::peak_memory_bytes;
 use patchlight::{BakeSettings, Estimator, FormFactors};
-use runtime::executor::{DeviceChoice, DeviceKind, Executor, open};
+use runtime::executor::{DeviceChoice, DeviceKind, Executor};
 use runtime::recipe::multibounce::{Decoder, Product};
 use scene::Scene;
 use serde::Serialize;
+use shell::device::open;
 use shell::operator_error::{exact_product, relative_error};
 use transport::{Dense, LinearOperator};
 
@@ -295,13 +296,11 @@ fn measure(
     let progress = &Progress::new(common.quiet);
     let loaded = output::import(name, progress)?;
     let scene = &loaded.scene;
-    let settings = BakeSettings {
-        patches: kind,
-        patch_count: count,
-        estimator: Estimator::Hemisphere { rays: args.rays },
-        seed: common.seed,
-        ..BakeSettings::default()
-    };
+    let settings = BakeSettings::default()
+        .with_patches(kind)
+        .with_patch_count(count)
+        .with_estimator(Estimator::Hemisphere { rays: args.rays })
+        .with_seed(common.seed);
     let mesh = &progress.phase("sample", |_| make_mesh(scene, &settings))?;
     let start = Instant::now();
     let found = progress.phase("form_factors", |report| {

@@ -123,7 +123,7 @@ impl Study for Scaling {
         }
         let settings = bake_settings(common, args, loaded, place.patches);
         for &receiver_density in &args.densities {
-            let settings = BakeSettings { receiver_density, ..settings };
+            let settings = settings.with_receiver_density(receiver_density);
             rows.extend(over_receivers(place, loaded, &settings)?);
         }
         let scenes = if args.quick { &SMALL_SCENES[..] } else { &SCENES };
@@ -188,7 +188,7 @@ fn over_patches(place: &Place, loaded: &LoadedScene, count: usize) -> Result<Vec
     let mut value = count as u64;
     if !possible.is_empty() {
         let receiver_density = (MAX_RECEIVERS_OF / count as f32).min(1.0);
-        let settings = BakeSettings { receiver_density, ..bake_settings(place.common, place.args, loaded, count) };
+        let settings = (bake_settings(place.common, place.args, loaded, count)).with_receiver_density(receiver_density);
         let view = View::new(place.common, place.args, loaded);
         let field = Field::new(&view, &settings, place.progress)?;
         value = field.bake().mesh.patches.len() as u64;

@@ -118,7 +118,7 @@ fn measure(
     progress: &Progress,
 ) -> Result<Vec<Row>, Error> {
     // Only the light between patches is measured: the fewest receivers.
-    let settings = BakeSettings { most_receivers: Some(1), ..bake_settings(common, args, loaded, count) };
+    let settings = (bake_settings(common, args, loaded, count)).with_most_receivers(Some(1));
     let bake = Arc::new(Bake::build(&loaded.scene, &settings, progress)?);
     let sources = sources(common, loaded, &bake, progress)?;
     let (factors, albedo) = (&bake.form_factors.factors, &bake.mesh.albedo);

@@ -50,13 +50,11 @@ pub(super) struct Subject {
 impl Subject {
     pub fn new(study: &Study, count: u32) -> Result<Self, Error> {
         let scene = &study.loaded.scene;
-        let settings = BakeSettings {
-            patch_count: count as usize,
-            estimator: Estimator::Hemisphere { rays: study.args.rays },
-            receivers: ReceiverKind::Pixels,
-            seed: study.common.seed,
-            ..BakeSettings::default()
-        };
+        let settings = BakeSettings::default()
+            .with_patch_count(count as usize)
+            .with_estimator(Estimator::Hemisphere { rays: study.args.rays })
+            .with_receivers(ReceiverKind::Pixels)
+            .with_seed(study.common.seed);
         let (bake, bake_s) = timed(|| Ok(Bake::build(scene, &settings, study.progress)?))?;
         let factors = SymmetricFactors::new(&bake.mesh, &bake.form_factors.factors)?;
         let light = own_light(scene, &bake.mesh, settings.sample_rays, settings.seed);

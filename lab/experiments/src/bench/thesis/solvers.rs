@@ -39,14 +39,12 @@ struct Row {
 /// All solvers on the polygons of a scene, under its own light.
 pub(super) fn solvers(study: &Study) -> Result<Outcome, Error> {
     let Study { args, common, loaded, progress, .. } = *study;
-    let settings = BakeSettings {
-        patches: PatchKind::Polygon,
-        patch_count: study.counts[0] as usize,
-        estimator: Estimator::Hemisphere { rays: args.rays },
-        receivers: ReceiverKind::Pixels,
-        seed: common.seed,
-        ..BakeSettings::default()
-    };
+    let settings = BakeSettings::default()
+        .with_patches(PatchKind::Polygon)
+        .with_patch_count(study.counts[0] as usize)
+        .with_estimator(Estimator::Hemisphere { rays: args.rays })
+        .with_receivers(ReceiverKind::Pixels)
+        .with_seed(common.seed);
     let bake = Arc::new(Bake::build(&loaded.scene, &settings, progress)?);
     let source = own_light(&loaded.scene, &bake.mesh, settings.sample_rays, settings.seed);
     let (patches, areas) = (bake.mesh.patches.len(), bake.mesh.areas());
