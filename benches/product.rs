@@ -55,7 +55,8 @@ fn measure(criterion: &mut Criterion, group: &str, name: &str, n: usize, bytes: 
     let mut pairs: Vec<(f64, f64)> =
         (0..ROUNDS).map(|_| (bytes as f64 * 1e-9 / run().as_secs_f64(), stream.round())).collect();
     let best = |take: fn(&(f64, f64)) -> f64, pairs: &[(f64, f64)]| pairs.iter().map(take).fold(0.0, f64::max);
-    let (product, read) = (best(|p| p.0, &pairs), best(|p| p.1, &pairs));
+    let product = best(|p| p.0, &pairs);
+    let read = best(|p| p.1, &pairs);
     pairs.sort_by(|a, b| (a.0 / a.1).total_cmp(&(b.0 / b.1)));
     let median = pairs[ROUNDS / 2].0 / pairs[ROUNDS / 2].1;
     let megabytes = bytes as f64 * 1e-6;

@@ -361,7 +361,8 @@ mod tests {
             assert!(eyes.iter().all(|eye| eye.cmpge(low).all() && eye.cmple(high).all()), "{path:?}");
             // No frame goes far, and the way is long.
             let steps: Vec<f32> = eyes.windows(2).map(|two| two[0].distance(two[1])).collect();
-            let (most, way) = (steps.iter().copied().fold(0.0, f32::max), steps.iter().sum::<f32>());
+            let most = steps.iter().copied().fold(0.0, f32::max);
+            let way = steps.iter().sum::<f32>();
             assert!(way > 0.5 * (high - low).max_element() && most < 0.15 * way, "{path:?} {way} {most}");
         }
         assert_eq!(
@@ -372,7 +373,8 @@ mod tests {
 
     #[test]
     fn distances_are_relative() {
-        let (a, b) = ([Vec3::new(3.0, 0.0, 0.0)], [Vec3::new(0.0, 4.0, 0.0)]);
+        let a = [Vec3::new(3.0, 0.0, 0.0)];
+        let b = [Vec3::new(0.0, 4.0, 0.0)];
         assert_eq!(distance(&a, &b), 1.25);
         assert_eq!(distance(&a, &a), 0.0);
         assert_eq!(distance(&[Vec3::ZERO], &[Vec3::ZERO]), 0.0);

@@ -30,7 +30,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         let fences = [device.create_fence(&signalled, None)?, device.create_fence(&signalled, None)?];
         let ours = BorrowedDevice { instance, physical_device, device, queue_family: 0, queue, enabled };
         let vulkan = Box::new(Vulkan::borrow(ours.clone())?);
-        let (instance, device) = (ours.instance, ours.device);
+        let instance = ours.instance;
+        let device = ours.device;
         let mut field = LightField::new(Arc::new(bake), vulkan, &LightSettings::default(), &Silent)?;
         let mut lighting = loaded.scene.lighting.clone();
         for slot in [0, 1, 0, 1, 0, 1] {

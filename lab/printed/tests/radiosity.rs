@@ -37,7 +37,8 @@ fn light_by_printed_patches_has_no_scale() {
             let irradiance = printed.irradiance(8, bounces).unwrap();
             mean(&printed.indirect(&irradiance, &camera, 2).unwrap())
         };
-        let (found, one) = (light(BOUNCES), light(1));
+        let found = light(BOUNCES);
+        let one = light(1);
         println!("{form:?}: {} times the light of ours", found / mean(&ours));
         assert!(found.is_finite() && found > 1.5 * mean(&ours), "{form:?}: {found} of {}", mean(&ours));
         assert!(one > 0.0 && one < found, "{form:?}: {one}");

@@ -14,7 +14,8 @@ use solvers::{Links, Samples, Solved, Solver};
 /// Relative difference of two pictures, L2.
 fn error(ours: &Picture, exact: &Picture) -> f32 {
     let square = |pixels: &mut dyn Iterator<Item = Vec3>| pixels.map(|p| p.length_squared()).sum::<f32>();
-    let (a, b) = (&ours.pixels, &exact.pixels);
+    let a = &ours.pixels;
+    let b = &exact.pixels;
     (square(&mut a.iter().zip(b).map(|(a, b)| *a - *b)) / square(&mut b.iter().copied())).sqrt()
 }
 

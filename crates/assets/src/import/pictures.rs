@@ -132,7 +132,8 @@ impl Size {
         if width == 0 || height == 0 || width > SIDE_LIMIT || height > SIDE_LIMIT {
             return Err(format!("its size is {width} x {height}, 1 to {SIDE_LIMIT} can be read"));
         }
-        let (decoded, most) = (decoder.total_bytes(), most_decoded(bytes));
+        let decoded = decoder.total_bytes();
+        let most = most_decoded(bytes);
         if decoded > most {
             return Err(format!(
                 "its {width} x {height} texels take {} MB, and {bytes} bytes of a file may stand for {} MB; give a smaller \

@@ -405,7 +405,8 @@ impl FirstShot {
         }
         let (flux, tallies) = passes.words(executor)?;
         let batches = self.settings.photons(self.seed).batches;
-        let (cells, areas) = (self.maps.areas().len(), self.maps.group_areas.clone());
+        let cells = self.maps.areas().len();
+        let areas = self.maps.group_areas.clone();
         let sums = Sums::from_words(flux, tallies, cells, areas, batches).map_err(Error::Photons)?;
         self.estimate = sums.estimate(self.maps.areas(), self.emission.power, self.per_batch);
         self.sums = Some(sums);
@@ -613,7 +614,8 @@ fn trace_for_bake(
     };
     // Light elements are a small part of the work.
     shot.set_lighting(scene, stops.map(|stops| (stops, &mut *executor)), &|done, total| report(done, 10 * total))?;
-    let (mut plan, mut tables) = (Plan::new(), Tables::new());
+    let mut plan = Plan::new();
+    let mut tables = Tables::new();
     let scene_tables = SceneTables::new(&mut plan, &mut tables, scene, scene.lighting.lights.len().max(1));
     let irradiance = plan.storage("element irradiance", rgb_bytes(shot.maps.element_areas.len()));
     let passes = shot.add_passes(&mut plan, &mut tables, &scene_tables, irradiance.into())?;

@@ -239,7 +239,8 @@ impl Measuring<'_> {
     /// Pictures of two frames and the mean of all frames.
     fn pictures(&self, renderer: &mut PictureRenderer) -> Result<Shown, Error> {
         let Self { args, subject, progress, .. } = *self;
-        let (loaded, size) = (&subject.loaded, subject.truth.size());
+        let loaded = &subject.loaded;
+        let size = subject.truth.size();
         let lighting = with_lights(&loaded.scene, &loaded.scene.lighting.lights);
         let camera = loaded.view.camera(size.0, size.1);
         let frames = args.frames().max(2);
@@ -251,7 +252,8 @@ impl Measuring<'_> {
                 }
                 Ok(done.pictures)
             };
-            let (first, second) = (render(0)?, render(1)?);
+            let first = render(0)?;
+            let second = render(1)?;
             let mut mean = sum(&first, &second)?;
             for number in 2..frames {
                 mean = sum(&mean, &render(number)?)?;
@@ -289,7 +291,8 @@ fn write_figures(folder: &Path, subject: &Subject, shown: &Shown) -> Result<Vec<
     let scale = indirect_scale(&truth.pictures.indirect);
     let indirect_stops = scale_to_stops(scale);
     let full_scale = stops_to_scale(stops);
-    let (full, indirect) = (truth.full(), truth.indirect());
+    let full = truth.full();
+    let indirect = truth.indirect();
     let blotches = indirect.blotch_picture(&shown.mean.indirect, BLOTCH_EDGE, BLOTCH_RANGE)?;
     let noise = noise_picture(&shown.first.full, &shown.second.full, full_scale)?;
     let drawn: [(&str, &str, &Picture, f32); 9] = [

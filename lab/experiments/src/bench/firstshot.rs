@@ -228,7 +228,8 @@ fn measure(common: &Common, args: &Bench, name: &str, measured: &mut Measured) -
         measured.rows.push(run.row.clone());
         if way.first_shot.is_some() && sequences == Sequences::Sobol {
             let Row { scene, elements, table_s, .. } = run.row.clone();
-            let (what, shadow_rays) = (way.name, run.shadow_rays);
+            let what = way.name;
+            let shadow_rays = run.shadow_rays;
             measured.direct_light.push(DirectLight { scene, what, parts: elements, shadow_rays, seconds: table_s });
         }
         if way.first_shot.is_none() && sequences == Sequences::Sobol {

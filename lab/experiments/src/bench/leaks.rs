@@ -116,7 +116,8 @@ fn caption(row: &Row) -> String {
 /// Light of a picture where the reference is dark, over that of the reference there.
 fn dark_ratio(judge: &Judge, ours: &Picture) -> Option<f64> {
     let bound = DARK * judge.mean_light;
-    let (mut found, mut expected) = (0.0, 0.0);
+    let mut found = 0.0;
+    let mut expected = 0.0;
     for (ours, reference) in ours.pixels.iter().zip(&judge.reference.pixels) {
         let reference = f64::from(luminance(*reference));
         if reference < bound {

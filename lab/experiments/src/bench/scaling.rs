@@ -252,7 +252,8 @@ fn over_pixels(place: &Place, loaded: &LoadedScene) -> Result<Vec<Row>, Error> {
 /// Point lamps all over the scene that go round in circles, as bright together as one of 1 kW/sr.
 fn lamps_of(loaded: &LoadedScene, count: u32, number: u32, frames: u32) -> Lighting {
     let (low, high) = loaded.scene.geometry.bounds;
-    let (middle, half) = ((low + high) * 0.5, (high - low) * (0.5 * INNER));
+    let middle = (low + high) * 0.5;
+    let half = (high - low) * (0.5 * INNER);
     let lamp = |k: u32| {
         let place = Vec3::from_array([0, 1, 2].map(|axis| 2.0 * unit(hash3(k, axis, 0x6c61_6d70)) - 1.0));
         let (sin, cos) = sin_cos_2pi(number as f32 / frames as f32);

@@ -103,7 +103,8 @@ pub fn operations_g() -> f64 {
         let sums: Vec<Vec4> = (0..threads)
             .into_par_iter()
             .map(|thread| {
-                let (a, b) = (black_box(Vec4::splat(0.5)), black_box(Vec4::splat(thread as f32)));
+                let a = black_box(Vec4::splat(0.5));
+                let b = black_box(Vec4::splat(thread as f32));
                 let mut sums = [a; SUMS];
                 for _ in 0..ADDITIONS / SUMS {
                     for sum in &mut sums {

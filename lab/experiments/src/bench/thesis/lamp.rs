@@ -182,7 +182,8 @@ fn sample(
 fn small(subject: &Subject, carried: &Carried, slots: usize) -> Result<[Row; 2], Error> {
     let patches = subject.factors.area.len();
     let mut flight = Flight::new(subject, slots)?;
-    let (mut printed, mut exact) = ((0, 0.0, Vec::new()), (0, 0.0, Vec::new()));
+    let mut printed = (0, 0.0, Vec::new());
+    let mut exact = (0, 0.0, Vec::new());
     for (frame, &place) in carried.place.iter().enumerate() {
         let change = flight.change(place, if frame == 0 { flight.slots } else { BUDGET })?;
         let seen: Vec<u32> = flight.there.iter().copied().collect();

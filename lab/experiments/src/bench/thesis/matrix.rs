@@ -144,7 +144,8 @@ impl Histogram {
         let greatest = all.last().copied().unwrap_or(0.0);
         let kept = all.len() - (GREATEST * all.len() as f64) as usize;
         let sum = |part: &[f32]| part.iter().map(|&x| f64::from(x)).sum::<f64>();
-        let (mut by_decade, mut linear) = (vec![0; DECADES * BINS], vec![0; LINEAR_BINS]);
+        let mut by_decade = vec![0; DECADES * BINS];
+        let mut linear = vec![0; LINEAR_BINS];
         for &x in all.iter().filter(|&&x| x > 0.0) {
             let decades = DECADES as f64 + f64::from(x).log10();
             by_decade[((decades.max(0.0) * BINS as f64) as usize).min(DECADES * BINS - 1)] += 1;
@@ -239,7 +240,8 @@ struct Compressed {
 /// Figures 3.3 and 3.4.
 pub(super) fn compression(study: &Study) -> Result<Outcome, Error> {
     let subject = Subject::new(study, study.counts[0])?;
-    let (n, area) = (subject.len(), &subject.factors.area);
+    let n = subject.len();
+    let area = &subject.factors.area;
     let operators = subject.operators(Some(BOUNCES), study)?;
     let channels = Channels::Three(operators.each_ref());
     let rows = subject.factors.rows(channels);
@@ -328,11 +330,13 @@ struct Bounce {
 /// Figure 3.10.
 pub(super) fn bounces(study: &Study) -> Result<Outcome, Error> {
     let subject = Subject::new(study, study.counts[0])?;
-    let (n, factors) = (subject.len(), &subject.factors);
+    let n = subject.len();
+    let factors = &subject.factors;
     let operators = subject.operators(Some(BOUNCES), study)?;
     let channels = Channels::Three(operators.each_ref());
     let encode = |codec| PatchOperator::encode(codec, channels, factors, study.common.seed, study.progress);
-    let (matrix, bc1) = (encode(Codec::Dense)?, encode(Codec::Blocks(BlockCodec::Bc1))?);
+    let matrix = encode(Codec::Dense)?;
+    let bc1 = encode(Codec::Blocks(BlockCodec::Bc1))?;
     let dense = factors.factors.to_dense();
     let light = &subject.light;
     let ms = [product_ms(&dense, light)?, product_ms(&factors.factors, light)?];
@@ -410,7 +414,8 @@ pub(super) fn bytes(study: &Study) -> Result<Outcome, Error> {
     let mut found: Vec<Size> = Vec::new();
     for &count in &study.counts {
         let subject = Subject::new(study, count)?;
-        let (n, factors) = (subject.len(), &subject.factors);
+        let n = subject.len();
+        let factors = &subject.factors;
         let one = 4 * (n * n) as u64;
         let size = |what, bytes: u64, seconds: Option<f64>| Size {
             patches: n,

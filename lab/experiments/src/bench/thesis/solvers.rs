@@ -47,7 +47,8 @@ pub(super) fn solvers(study: &Study) -> Result<Outcome, Error> {
         .with_seed(common.seed);
     let bake = Arc::new(Bake::build(&loaded.scene, &settings, progress)?);
     let source = own_light(&loaded.scene, &bake.mesh, settings.sample_rays, settings.seed);
-    let (patches, areas) = (bake.mesh.patches.len(), bake.mesh.areas());
+    let patches = bake.mesh.patches.len();
+    let areas = bake.mesh.areas();
     let exact = Solved::new(Solver::Lu, &bake)?.solution(&source)?.0.irradiance;
     let mut solvers = vec![
         ("elimination (2.4)".to_owned(), Solver::Lu),

@@ -130,7 +130,8 @@ fn times(study: &Study, subject: &Subject) -> Result<Times, Error> {
 }
 
 fn dense(factors: &Csr) -> Dense {
-    let (rows, columns) = (factors.rows, factors.columns);
+    let rows = factors.rows;
+    let columns = factors.columns;
     let mut values = vec![0.0; rows * columns];
     for i in 0..rows {
         factors.row(i).for_each(|(j, f)| values[i * columns + j] = f);
