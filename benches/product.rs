@@ -61,8 +61,8 @@ fn measure(criterion: &mut Criterion, group: &str, name: &str, n: usize, bytes: 
     let median = pairs[ROUNDS / 2].0 / pairs[ROUNDS / 2].1;
     let megabytes = bytes as f64 * 1e-6;
     println!(
-        "{group}/{name}/{n}: {megabytes:.2} MB in {:.3} ms, floor {:.3} ms: {product:.1} GB/s, stream of as much {read:.1} GB/s, \
-         median of the ratio {:.0} %",
+        "{group}/{name}/{n}: {megabytes:.2} MB in {:.3} ms, floor {:.3} ms: {product:.1} GB/s, stream of as much \
+         {read:.1} GB/s, median of the ratio {:.0} %",
         megabytes / product,
         megabytes / read,
         100.0 * median

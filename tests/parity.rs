@@ -102,8 +102,8 @@ fn difference(ours: &[Vec<u32>], theirs: &[Vec<u32>], tolerance: Tolerance) -> O
             let count = different.len();
             let all = a.len();
             return Some(format!(
-                "output {buffer}: {count} of {all} words differ, first word {k}: {:#x} ({p}) on the CPU, {:#x} ({q}) on \
-                 Vulkan",
+                "output {buffer}: {count} of {all} words differ, first word {k}: {:#x} ({p}) on the CPU, {:#x} ({q}) \
+                 on Vulkan",
                 a[k], b[k]
             ));
         }

@@ -142,10 +142,9 @@ fn a_full_disk_is_said_and_the_old_bake_stays() {
     let folder = tempfile::tempdir().unwrap();
     // A small file system of its own, where the system allows to make one.
     let script = format!(
-        "mount -t tmpfs -o size=400k none '{0}' || exit 77; \
-         '{1}' world cornell -o '{0}/a.bake' --patch-count 300 --rays 64 --quiet || exit 78; sum=$(cksum < '{0}/a.bake'); \
-         '{1}' world cornell -o '{0}/a.bake' --patch-count 20000 --rays 64 --quiet; code=$?; \
-         [ \"$sum\" = \"$(cksum < '{0}/a.bake')\" ] || exit 79; exit $code",
+        "mount -t tmpfs -o size=400k none '{0}' || exit 77; '{1}' world cornell -o '{0}/a.bake' --patch-count 300 \
+         --rays 64 --quiet || exit 78; sum=$(cksum < '{0}/a.bake'); '{1}' world cornell -o '{0}/a.bake' --patch-count \
+         20000 --rays 64 --quiet; code=$?; [ \"$sum\" = \"$(cksum < '{0}/a.bake')\" ] || exit 79; exit $code",
         folder.path().display(),
         env!("CARGO_BIN_EXE_patchlight")
     );

@@ -196,8 +196,9 @@ impl Sequence {
         let ssim = least.map_or(String::new(), |ssim| format!("; SSIM against full radiosity at least {ssim:.4}"));
         (work > 0).then(|| {
             format!(
-                "{moved} patches came or went: {:.1} times less work than a new matrix in every frame; {:.0} % of it is \
-                 multiplied by; displayed values of 99.9 % of the surface change by {flicker:.2}/255 a frame at most{ssim}",
+                "{moved} patches came or went: {:.1} times less work than a new matrix in every frame; {:.0} % of it \
+                 is multiplied by; displayed values of 99.9 % of the surface change by {flicker:.2}/255 a frame at \
+                 most{ssim}",
                 anew as f64 / work as f64,
                 100.0 * lit as f64 / all.max(1) as f64
             )

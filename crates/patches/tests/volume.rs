@@ -135,8 +135,8 @@ fn a_dark_room_stays_dark_behind_a_wall_without_thickness() {
         for dark in [true, false] {
             let ((kept, share), (open, open_share)) = (leak(true, dark), leak(false, dark));
             println!(
-                "edge {edge} m, rotated by {angle}: greatest leak {kept:e}, above 0.001 at {share:.5} of the points; without \
-                 walls {open}, {open_share:.3}"
+                "edge {edge} m, rotated by {angle}: greatest leak {kept:e}, above 0.001 at {share:.5} of the points; \
+                 without walls {open}, {open_share:.3}"
             );
             // Walls across the grid: in a corner that no ray comes near to, a probe outside may be taken for one
             // inside.

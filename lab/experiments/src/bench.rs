@@ -225,9 +225,9 @@ fn write(machine: &Machine, results: &[SceneResult], out: &Path) -> Result<(), E
     }
     let introduction = [
         machine.sentence(),
-        "Errors are those of indirect light. Blocks are means of 8 × 8 pixels: the median of the relative errors of their \
-         luminance, and the PSNR of what a display shows of them, exposed by 0.18 over the log-average of the reference. \
-         Points gather exactly from the patches, so their errors do not depend on receivers."
+        "Errors are those of indirect light. Blocks are means of 8 × 8 pixels: the median of the relative errors of \
+         their luminance, and the PSNR of what a display shows of them, exposed by 0.18 over the log-average of the \
+         reference. Points gather exactly from the patches, so their errors do not depend on receivers."
             .to_owned(),
     ];
     let sections = results.iter().map(|result| &result.section);

@@ -54,7 +54,8 @@ fn solvers_by_chance_are_right_on_average() {
         let (few, mean_of_few) = errors_of(&runs(&albedo, 2000), &exact);
         let (many, mean_of_many) = errors_of(&runs(&albedo, 32_000), &exact);
         println!(
-            "{name}: squared error {few:.2e}, of 16 times the samples {many:.2e}; of means {mean_of_few:.2e}, {mean_of_many:.2e}"
+            "{name}: squared error {few:.2e}, of 16 times the samples {many:.2e}; of means {mean_of_few:.2e}, \
+             {mean_of_many:.2e}"
         );
         // Noise goes with the number of samples, and with the number of solutions that are averaged: there is no bias.
         assert!((8.0..32.0).contains(&(few / many)), "{name}: {few} {many}");

@@ -312,8 +312,8 @@ pub fn finish(mut mesh: Mesh, setting: Setting, options: &LoadOptions) -> Result
 fn warn_of_endless_light(lights: &[Light], sky: &Sky, warnings: &mut Vec<String>) {
     if sky.radiance.max_element() > 0.0 || lights.iter().any(|light| light.kind == LIGHT_DIRECTIONAL) {
         warnings.push(
-            "the medium has no end: it absorbs all light of directional lights and of the sky; use point, spot or rect lights, or \
-             emission, or leave the medium out"
+            "the medium has no end: it absorbs all light of directional lights and of the sky; use point, spot or \
+             rect lights, or emission, or leave the medium out"
                 .to_owned(),
         );
     }

@@ -32,7 +32,8 @@ pub fn check_color(key: &'static str, color: Vec3) -> Result<Vec3, Fault> {
         Err((
             key,
             format!(
-                "{color} is not a quantity of light; give three numbers that are not negative, at most {QUANTITY_LIMIT:e}"
+                "{color} is not a quantity of light; give three numbers that are not negative, at most \
+                 {QUANTITY_LIMIT:e}"
             ),
         ))
     }

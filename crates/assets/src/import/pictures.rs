@@ -136,8 +136,8 @@ impl Size {
         let most = most_decoded(bytes);
         if decoded > most {
             return Err(format!(
-                "its {width} x {height} texels take {} MB, and {bytes} bytes of a file may stand for {} MB; give a smaller \
-                 picture",
+                "its {width} x {height} texels take {} MB, and {bytes} bytes of a file may stand for {} MB; give a \
+                 smaller picture",
                 decoded.div_ceil(1 << 20),
                 most >> 20
             ));
@@ -271,7 +271,8 @@ pub fn pack(materials: &[MaterialDraft], budget: usize) -> Packed {
             Ok(pyramids) => pyramids,
             Err(reason) => {
                 packed.warnings.push(format!(
-                    "texture {}: cannot be used ({reason}); mid-grey is used where it is a colour, no holes where it is a mask",
+                    "texture {}: cannot be used ({reason}); mid-grey is used where it is a colour, no holes where it \
+                     is a mask",
                     source.name()
                 ));
                 continue;

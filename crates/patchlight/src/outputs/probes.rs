@@ -65,8 +65,8 @@ const TABLES: [(&str, &str, u64, &str); 4] = [
         "planes",
         "f32",
         PLANE_WORDS as u64,
-        "per probe and direction (i + 1) + 3 (j + 1) + 9 (k + 1) to the voxels round it, the gradient g with g · q = 1 on the \
-         plane of what a ray meets there, q in voxels from the probe on; 0 where it meets nothing",
+        "per probe and direction (i + 1) + 3 (j + 1) + 9 (k + 1) to the voxels round it, the gradient g with g · q = \
+         1 on the plane of what a ray meets there, q in voxels from the probe on; 0 where it meets nothing",
     ),
     (
         "cubes",

@@ -355,8 +355,8 @@ fn percent_or_none(share: Option<f64>) -> String {
 fn noise_text(noise: Option<&KeptNoise>) -> String {
     let Some(KeptNoise { full, indirect, .. }) = noise else { return String::new() };
     format!(
-        "; standard error of a pixel {:.2} % of all light, {:.2} % of indirect light (medians); it hides leaks at {:.2} % and \
-         stains at {:.2} % of the pixels of indirect light",
+        "; standard error of a pixel {:.2} % of all light, {:.2} % of indirect light (medians); it hides leaks at \
+         {:.2} % and stains at {:.2} % of the pixels of indirect light",
         100.0 * full.median_relative_standard_error,
         100.0 * indirect.median_relative_standard_error,
         100.0 * indirect.leaks_hidden_share,
@@ -378,9 +378,10 @@ fn summary_line(row: &Row) -> String {
 fn tables(outcomes: &[Outcome]) -> Vec<Table> {
     let head = ["scene", "patches", "noise %", "leaks %", "stains %", "blotches 16 / 32 / 64, %", "bake s"];
     let faults = Table {
-        caption: "Shares of pixels. Noise: two frames of one bake differ by more than 1/255. Of indirect light, mean of all \
-                  frames: leaks, brighter than the reference by more than 10 % of the mean indirect light; stains, darker by \
-                  more than 25 %; blotches, 95th percentile of the relative errors of means over squares."
+        caption: "Shares of pixels. Noise: two frames of one bake differ by more than 1/255. Of indirect light, mean \
+                  of all frames: leaks, brighter than the reference by more than 10 % of the mean indirect light; \
+                  stains, darker by more than 25 %; blotches, 95th percentile of the relative errors of means over \
+                  squares."
             .to_owned(),
         head: head.map(str::to_owned).to_vec(),
         rows: outcomes.iter().map(|outcome| fault_cells(&outcome.row)).collect(),
@@ -420,10 +421,10 @@ fn energy_table(outcomes: &[Outcome]) -> Table {
     ];
     let rows = outcomes.iter().map(|outcome| energy_cells(outcomes, &outcome.row));
     Table {
-        caption: "Indirect light over patches. Balance: light that all patches send alike and that is neither absorbed nor \
-                  escapes, or that comes from nowhere. Shown / rays: mean indirect light of receivers over that of 65,536 rays, \
-                  in the focus and far off, with its standard error. Rises: the block median exceeds that of fewer \
-                  patches by more than a twentieth."
+        caption: "Indirect light over patches. Balance: light that all patches send alike and that is neither \
+                  absorbed nor escapes, or that comes from nowhere. Shown / rays: mean indirect light of receivers \
+                  over that of 65,536 rays, in the focus and far off, with its standard error. Rises: the block \
+                  median exceeds that of fewer patches by more than a twentieth."
             .to_owned(),
         head: head.map(str::to_owned).to_vec(),
         rows: rows.collect(),
@@ -487,8 +488,8 @@ fn write_report(machine: &Machine, args: &Bench, outcomes: &[Outcome], out: &Pat
     let introduction = [
         machine.sentence(),
         format!(
-            "Pictures of {} sub-frames a pixel; leaks, stains and blotches are counted in the mean of {} of them. A difference \
-             counts only where it exceeds three standard errors of the reference.",
+            "Pictures of {} sub-frames a pixel; leaks, stains and blotches are counted in the mean of {} of them. A \
+             difference counts only where it exceeds three standard errors of the reference.",
             args.sub_frames,
             args.frames().max(2)
         ),

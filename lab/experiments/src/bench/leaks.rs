@@ -40,10 +40,11 @@ impl Study for Leaks {
     type Row = Row;
     const NAME: &'static str = "leaks";
     const TITLE: &'static str = "Light behind walls";
-    const ABOUT: &'static str = "Pixels of indirect light at rest against path tracing. A leak is brighter than the reference by \
-        more than a tenth of the mean indirect light, a stain is darker by more than a quarter; what is within three standard \
-        errors of the reference counts as neither. The dark is where the reference has less than a fifth of the mean: there the \
-        light of a method is given over that of the reference, 1 where it is right.";
+    const ABOUT: &'static str = "Pixels of indirect light at rest against path tracing. A leak is brighter than the \
+        reference by more than a tenth of the mean indirect light, a stain is darker by more than a quarter; what is \
+        within three standard errors of the reference counts as neither. The dark is where the reference has less \
+        than a fifth of the mean: there the light of a method is given over that of the reference, 1 where it is \
+        right.";
     const SCENES: &'static [&'static str] = &["rooms", "corridor", "blinds", "clutter"];
     const SHARED: &'static [&'static str] = &["bathroom", "sponza"];
     const SHOWN: &'static [&'static str] = &["rooms", "corridor"];

@@ -167,8 +167,8 @@ fn build_line(build: &Build) -> String {
     };
     let memory = build.peak_memory_bytes.map(|bytes| format!("; at most {:.2} GB", bytes as f64 * 1e-9));
     format!(
-        "{}, {} {} patches: form factors {:.1} s, {operator}; of a change of light a bounce leaves {:.0} % to come, accelerated \
-         {:.0} %: the scene's own is there to a thousandth after {} and {} bounces{}{}",
+        "{}, {} {} patches: form factors {:.1} s, {operator}; of a change of light a bounce leaves {:.0} % to come, \
+         accelerated {:.0} %: the scene's own is there to a thousandth after {} and {} bounces{}{}",
         build.scene,
         build.patches,
         build.kind,
@@ -219,9 +219,10 @@ fn report(machine: &Machine, builds: &[Build], rows: &[Row]) -> String {
     };
     let introduction = [
         machine_line(machine),
-        "F are form factors, of one channel; T the light of all bounces, of three; F_r form factors from receivers to patches. Errors are those of irradiance (L2 by \
-         area), of the scene's own light and the worst of eight compact lights, against the same operator without \
-         compression; Frobenius is the error of the entries, for which ε was asked."
+        "F are form factors, of one channel; T the light of all bounces, of three; F_r form factors from receivers to \
+         patches. Errors are those of irradiance (L2 by area), of the scene's own light and the worst of eight \
+         compact lights, against the same operator without compression; Frobenius is the error of the entries, for \
+         which ε was asked."
             .to_owned(),
     ];
     page("Patchlight: operators", &introduction, [&section])

@@ -535,8 +535,8 @@ impl Experiment<'_> {
             format!("Compared with {}.", truth.source),
             format!(
                 "Pictures of {} × {}, {} sub-frames; {} rays a row of F, {} rays a receiver. Light ms: all passes but \
-                 shading, frames for the median: {}. Tables of break-down and lights, and the pictures: {} clusters. The proxy's form \
-                 factors are dense: no more than {MAX_PROXY_FACES} faces.",
+                 shading, frames for the median: {}. Tables of break-down and lights, and the pictures: {} clusters. \
+                 The proxy's form factors are dense: no more than {MAX_PROXY_FACES} faces.",
                 size.0,
                 size.1,
                 self.args.sub_frames,

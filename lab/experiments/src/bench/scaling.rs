@@ -100,12 +100,12 @@ impl Study for Scaling {
     type Row = Row;
     const NAME: &'static str = "scaling";
     const TITLE: &'static str = "How light updates grow";
-    const ABOUT: &'static str = "Processor time of a whole light update with the lookup of all pixels where that can be told \
-        apart, and memory, over one size at a time: patches and receivers (methods that have them), triangles (of the atrium), \
-        lamps that all move, and pixels. Receivers are updated where they are in view; beyond 4,096 patches their number stays. \
-        Turns as in the first experiment. Matrices of more than 2 GB are not made: in place of a time stands what they would \
-        take. A bake has 65,535 patches at most, whose numbers take 16 bits in rows of form factors; worlds of more are baked in \
-        parts, and lit round the camera.";
+    const ABOUT: &'static str = "Processor time of a whole light update with the lookup of all pixels where that can \
+        be told apart, and memory, over one size at a time: patches and receivers (methods that have them), triangles \
+        (of the atrium), lamps that all move, and pixels. Receivers are updated where they are in view; beyond 4,096 \
+        patches their number stays. Turns as in the first experiment. Matrices of more than 2 GB are not made: in \
+        place of a time stands what they would take. A bake has 65,535 patches at most, whose numbers take 16 bits in \
+        rows of form factors; worlds of more are baked in parts, and lit round the camera.";
     const SCENES: &'static [&'static str] = &["office"];
     const PATCHES: u32 = 1000;
     const TIMED: bool = true;

@@ -336,8 +336,9 @@ fn section(rows: &[Row]) -> Section {
         let points = of_weights.iter().zip(WEIGHTS).map(|(row, w)| (f64::from(w), 100.0 * value(row)));
         Series { name: name.into(), points: points.collect() }
     };
-    let caption = "Distances are relative L2 of the irradiance of patches from that of all bounces; changes are those of displayed values \
-                   from one frame to the next, the 99.9th percentile of the patches and the greatest of the frames";
+    let caption = "Distances are relative L2 of the irradiance of patches from that of all bounces; changes are those \
+                   of displayed values from one frame to the next, the 99.9th percentile of the patches and the \
+                   greatest of the frames";
     let head = [
         "way",
         "distance while lights move %: median",

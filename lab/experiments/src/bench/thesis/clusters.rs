@@ -222,9 +222,9 @@ fn table(rows: &[Row]) -> Table {
         "95th percentile",
     ];
     Table {
-        caption: "Clusters with matrices of all bounces of their own, beside the matrix of all patches: bytes and multiplications over \
-                  those of it. Overlaps in longest sides of the scene. A step is the difference, between a patch and its neighbour of \
-                  another cluster, of light over that of all patches."
+        caption: "Clusters with matrices of all bounces of their own, beside the matrix of all patches: bytes and \
+                  multiplications over those of it. Overlaps in longest sides of the scene. A step is the difference, \
+                  between a patch and its neighbour of another cluster, of light over that of all patches."
             .into(),
         head: heads.map(str::to_owned).to_vec(),
         rows: rows.iter().map(cells).collect(),

@@ -231,8 +231,9 @@ fn table(rows: &[Row]) -> Table {
     let heads = ["patches", "way", "millions of multiplications", "processor ms", "distance", "greatest"];
     Table {
         caption: format!(
-            "A frame of {FRAMES} in which a lamp that reaches {REACH} diagonals far is carried through the scene. Distances are relative L2 of the irradiance of all \
-             patches from that of all bounces between all of them; small matrices leave the others without light."
+            "A frame of {FRAMES} in which a lamp that reaches {REACH} diagonals far is carried through the scene. \
+             Distances are relative L2 of the irradiance of all patches from that of all bounces between all of them; \
+             small matrices leave the others without light."
         ),
         head: heads.map(str::to_owned).to_vec(),
         rows: rows.iter().map(cells).collect(),

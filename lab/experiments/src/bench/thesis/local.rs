@@ -321,9 +321,10 @@ fn table(rows: &[Row]) -> Table {
     ];
     Table {
         caption: format!(
-            "A frame of {FRAMES} along the scene: multiplications (all channels) and processor time of the product with the whole matrix, \
-             and of changes and the product P_Vis × P_Lit of the local one. Errors of the light of visible patches beside that of all \
-             patches, the greatest; the nearest patches alone lose the light of the others."
+            "A frame of {FRAMES} along the scene: multiplications (all channels) and processor time of the product \
+             with the whole matrix, and of changes and the product P_Vis × P_Lit of the local one. Errors of the \
+             light of visible patches beside that of all patches, the greatest; the nearest patches alone lose the \
+             light of the others."
         ),
         head: heads.map(str::to_owned).to_vec(),
         rows: rows.iter().map(cells).collect(),

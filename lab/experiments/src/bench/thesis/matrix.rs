@@ -292,8 +292,9 @@ pub(super) fn compression(study: &Study) -> Result<Outcome, Error> {
     };
     let table = Table {
         caption: format!(
-            "BC1 of the matrix of {BOUNCES} bounces of {n} patches. As printed: values as they are, zeros in the place of the \
-             greatest 5 %. Pictures, from the left, brighter alike: as printed before (3.3) and after (3.4) listing 3.1, ours."
+            "BC1 of the matrix of {BOUNCES} bounces of {n} patches. As printed: values as they are, zeros in the \
+             place of the greatest 5 %. Pictures, from the left, brighter alike: as printed before (3.3) and after \
+             (3.4) listing 3.1, ours."
         ),
         head: heads(&["compression and order", "MSE in blocks", "MSE of all entries", "error of the light"]),
         rows: found.iter().map(line).collect(),
@@ -358,9 +359,9 @@ pub(super) fn bounces(study: &Study) -> Result<Outcome, Error> {
     let nonzero = factors.factors.values.len();
     let table = Table {
         caption: format!(
-            "Processor milliseconds of the light between {n} patches over the number of bounces. A bounce multiplies {} numbers by \
-             dense and {nonzero} by sparse form factors, three channels each; the matrix of all bounces takes {} once. Bytes read: {} \
-             a bounce, {} and {} of the matrix and of its blocks.",
+            "Processor milliseconds of the light between {n} patches over the number of bounces. A bounce multiplies \
+             {} numbers by dense and {nonzero} by sparse form factors, three channels each; the matrix of all bounces \
+             takes {} once. Bytes read: {} a bounce, {} and {} of the matrix and of its blocks.",
             n * n,
             n * n * 3,
             output::bytes(4 * (n * n) as u64),
@@ -457,8 +458,8 @@ pub(super) fn bytes(study: &Study) -> Result<Outcome, Error> {
         ]
     };
     let table = Table {
-        caption: "Bytes beside those of form factors of one channel, a number of single precision a pair of patches; processor time of \
-                  making the matrix and of compressing it, over that of patches and form factors."
+        caption: "Bytes beside those of form factors of one channel, a number of single precision a pair of patches; \
+                  processor time of making the matrix and of compressing it, over that of patches and form factors."
             .into(),
         head: heads(&["patches", "what", "bytes", "of the form factors", "more preprocessing"]),
         rows: found.iter().map(cells).collect(),

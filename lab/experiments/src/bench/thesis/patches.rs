@@ -203,8 +203,8 @@ fn table(rows: &[Row], truth: &Truth) -> Table {
         ["form", "patches", "F", "sums of rows", "brightness", "error", "SSIM", "error, same mean", "SSIM, same mean"];
     Table {
         caption: format!(
-            "Indirect light of {BOUNCES} bounces beside {}. Pictures, from the left: as printed, ours (patches receive), reference, \
-             proxy; all with the mean of the reference.",
+            "Indirect light of {BOUNCES} bounces beside {}. Pictures, from the left: as printed, ours (patches \
+             receive), reference, proxy; all with the mean of the reference.",
             truth.source
         ),
         head: heads.map(str::to_owned).to_vec(),

@@ -103,8 +103,8 @@ fn table(rows: &[Row], patches: usize) -> Table {
     let heads = ["solver", "steps", "links of pairs", "form factors or links", "processor ms", "error"];
     Table {
         caption: format!(
-            "All bounces between {patches} polygons under the scene's own light. Error of the irradiance beside elimination; form \
-             factors of links are exact but for shadow rays, all others are by rays of hemispheres."
+            "All bounces between {patches} polygons under the scene's own light. Error of the irradiance beside \
+             elimination; form factors of links are exact but for shadow rays, all others are by rays of hemispheres."
         ),
         head: heads.map(str::to_owned).to_vec(),
         rows: rows.iter().map(cells).collect(),
