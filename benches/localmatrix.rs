@@ -61,7 +61,9 @@ fn street() -> Result<Table, Error> {
         albedo: Vec3::new(0.6, 0.5, 0.4),
     };
     let surfaces: Vec<Surface> = (0..WORLD).map(surface).collect();
-    let (mut starts, mut columns, mut values) = (vec![0], Vec::new(), Vec::new());
+    let mut starts = vec![0];
+    let mut columns = Vec::new();
+    let mut values = Vec::new();
     for i in 0..WORLD {
         for j in (i.saturating_sub(REACH)..(i + REACH + 1).min(WORLD)).filter(|&j| j != i) {
             columns.push(j as u32);
@@ -130,7 +132,8 @@ fn main() -> Result<(), Error> {
         for lit in SHARES {
             for visible in SHARES {
                 let some = |share: f64| -> Vec<u32> { (0..(share * slots as f64) as u32).collect() };
-                let (seen, lit_slots) = (some(visible), some(lit));
+                let seen = some(visible);
+                let lit_slots = some(lit);
                 group.throughput(Throughput::Bytes(12 * (seen.len() * lit_slots.len()) as u64));
                 let name = format!("{:.0} % lit, {:.0} % visible", 100.0 * lit, 100.0 * visible);
                 group.bench_function(BenchmarkId::new("product", name), |bench| {

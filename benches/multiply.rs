@@ -28,7 +28,8 @@ fn load(executor: &mut dyn Executor, n: usize) -> Result<(), ExecutorError> {
     let bytes = (4 * n * n) as u64;
     let buffers = [("factors", bytes), ("albedo", 4 * n as u64), ("operator", bytes), ("next", bytes)];
     let [factors, albedo, operator, next] = buffers.map(|(name, bytes)| plan.storage(name, bytes));
-    let (vectors, row_tiles) = (n as u32 / 4, n as u32 / TILE_ROWS);
+    let vectors = n as u32 / 4;
+    let row_tiles = n as u32 / TILE_ROWS;
     let tiles = row_tiles * (vectors / TILE_VECTORS);
     let push = MultiplyParams { tiles, row_tiles, vectors, inner: vectors, first_inner: 0 };
     let ranges = [factors, albedo, operator, next].map(Range::from);
@@ -63,7 +64,8 @@ fn main() {
         group.bench_function(BenchmarkId::new("faer", n), |bencher| {
             bencher.iter(|| {
                 let parallel = faer::get_global_parallelism();
-                let (to, f) = (next.as_mut(), factors.as_ref());
+                let to = next.as_mut();
+                let f = factors.as_ref();
                 faer::linalg::matmul::matmul(to, Accum::Replace, f, f, 1.0f32, parallel);
             });
         });

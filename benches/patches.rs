@@ -175,7 +175,8 @@ fn volume_steps(criterion: &mut Criterion, table: &mut Table, scene: &Scene, siz
     let settings = VolumeSettings { size: VolumeSize::Count(size), ..VolumeSettings::default() };
     let probes = |volume: &Result<VoxelVolume, _>| volume.as_ref().map_or(0, VoxelVolume::len);
     let volume = table.time("VoxelVolume::new", probes, || VoxelVolume::new(scene, &settings, &|_| true))?;
-    let (cubes, points) = (colors(volume.points().len()), points(scene));
+    let cubes = colors(volume.points().len());
+    let points = points(scene);
     let harmonics = volume.harmonics(&cubes)?;
     let count = volume.len();
     table.time("volume lookup of 131,072 points", |_| count, || volume.at_points(&cubes, &points))?;

@@ -55,13 +55,14 @@ fn measure(criterion: &mut Criterion, group: &str, name: &str, n: usize, bytes: 
     let mut pairs: Vec<(f64, f64)> =
         (0..ROUNDS).map(|_| (bytes as f64 * 1e-9 / run().as_secs_f64(), stream.round())).collect();
     let best = |take: fn(&(f64, f64)) -> f64, pairs: &[(f64, f64)]| pairs.iter().map(take).fold(0.0, f64::max);
-    let (product, read) = (best(|p| p.0, &pairs), best(|p| p.1, &pairs));
+    let product = best(|p| p.0, &pairs);
+    let read = best(|p| p.1, &pairs);
     pairs.sort_by(|a, b| (a.0 / a.1).total_cmp(&(b.0 / b.1)));
     let median = pairs[ROUNDS / 2].0 / pairs[ROUNDS / 2].1;
     let megabytes = bytes as f64 * 1e-6;
     println!(
-        "{group}/{name}/{n}: {megabytes:.2} MB in {:.3} ms, floor {:.3} ms: {product:.1} GB/s, stream of as much {read:.1} GB/s, \
-         median of the ratio {:.0} %",
+        "{group}/{name}/{n}: {megabytes:.2} MB in {:.3} ms, floor {:.3} ms: {product:.1} GB/s, stream of as much \
+         {read:.1} GB/s, median of the ratio {:.0} %",
         megabytes / product,
         megabytes / read,
         100.0 * median
@@ -80,12 +81,8 @@ fn measure_dense(criterion: &mut Criterion, name: &str, operator: &impl LinearOp
 /// T of the light between the patches of a scene, and F for feedback.
 fn measure_operators(criterion: &mut Criterion, scene: &str) -> Result<(), Error> {
     let loaded = load_or_build(scene)?;
-    let settings = BakeSettings {
-        patch_count: PATCHES,
-        // No points of the surface: only the light between patches is measured.
-        receivers: ReceiverKind::Pixels,
-        ..BakeSettings::default()
-    };
+    // No points of the surface: only the light between patches is measured.
+    let settings = BakeSettings::default().with_patch_count(PATCHES).with_receivers(ReceiverKind::Pixels);
     let progress = Progress::new(true);
     let bake = Arc::new(Bake::build(&loaded.scene, &settings, &progress)?);
     let build = Build::default();

@@ -36,12 +36,14 @@ struct Ray {
 /// Camera rays of random pixels and four cosine-weighted bounces; a shadow ray at every vertex, towards the first light
 /// or up.
 fn record(scene: &Scene, camera: &Camera) -> (Vec<Ray>, Vec<Ray>) {
-    let (mut closest, mut shadow) = (Vec::with_capacity(COUNT), Vec::with_capacity(COUNT));
+    let mut closest = Vec::with_capacity(COUNT);
+    let mut shadow = Vec::with_capacity(COUNT);
     let sun = scene.lighting.lights.first().map_or(Vec3::Y, |l| -l.direction);
     let mut path = 0;
     while closest.len() < COUNT || shadow.len() < COUNT {
         let random = |k: u32| unit(hash3(path, k, SEED));
-        let (x, y) = (random(0) * camera.width as f32, random(1) * camera.height as f32);
+        let x = random(0) * camera.width as f32;
+        let y = random(1) * camera.height as f32;
         let mut ray = Ray { origin: camera.eye, direction: camera_direction(camera, x, y).normalize() };
         for bounce in 1..=5 {
             closest.push(ray);
@@ -87,7 +89,8 @@ impl Obvhs {
         let wide = build_cwbvh_from_tris(&boxes, settings, &mut Duration::default());
         let binary = build_bvh2_from_tris(&boxes, settings, &mut Duration::default());
         let ordered = |order: &[u32]| order.iter().map(|&k| RtTriangle::from(&boxes[k as usize])).collect();
-        let (wide_triangles, binary_triangles) = (ordered(&wide.primitive_indices), ordered(&binary.primitive_indices));
+        let wide_triangles = ordered(&wide.primitive_indices);
+        let binary_triangles = ordered(&binary.primitive_indices);
         Self { wide, wide_triangles, binary, binary_triangles }
     }
 

@@ -50,7 +50,8 @@ impl Patches {
             keys.dedup();
             keys
         };
-        let (mut small, mut large) = (0.01, 10.0);
+        let mut small = 0.01;
+        let mut large = 10.0;
         while large > 1.01 * small {
             let middle = f32::sqrt(small * large);
             *(if keys(middle).len() > COLUMNS { &mut small } else { &mut large }) = middle;
@@ -132,7 +133,8 @@ fn csr_bytes(csr: &Csr) -> usize {
 
 /// Criterion's figures, then the table's row.
 fn measure(criterion: &mut Criterion, name: &str, operator: &impl LinearOperator, tables: usize) {
-    let (rows, columns) = (operator.rows(), operator.columns());
+    let rows = operator.rows();
+    let columns = operator.columns();
     let light = exitance(columns, columns);
     let mut out = vec![Vec4::ZERO; rows];
     let bytes = tables + size_of_val(&light[..]) + size_of_val(&out[..]);
@@ -154,7 +156,8 @@ fn measure(criterion: &mut Criterion, name: &str, operator: &impl LinearOperator
     ratio.sort_by(f64::total_cmp);
     rounds.sort_by(|a, b| a.0.total_cmp(&b.0));
     let floor = rounds.iter().map(|t| t.1).fold(f64::INFINITY, f64::min);
-    let (best, median) = (rounds[0].0, rounds[ROUNDS / 2].0);
+    let best = rounds[0].0;
+    let median = rounds[ROUNDS / 2].0;
     println!(
         "receivers/native/{name}/{rows}: {:.1} MB moved, median {median:.2} ms, best {best:.2} ms ({:.1} GB/s), \
          reading them takes {floor:.2} ms ({:.1} GB/s), median of the ratio {:.0} %",

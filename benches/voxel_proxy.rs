@@ -39,7 +39,7 @@ fn print_row(scene: &str, what: &str, geometry: &str, patches: usize, errors: &P
 }
 
 fn measure_proxy(name: &str, loaded: &LoadedScene, reference: &ReferenceData, count: usize) -> Outcome<()> {
-    let BakeSettings { sample_rays, .. } = BakeSettings::default();
+    let sample_rays = BakeSettings::default().sample_rays;
     let settings = ProxySettings { patch_count: count, rays: RAYS, point_rays: sample_rays, seed: SEED };
     let proxy = ProxyRadiosity::bake(&loaded.scene, settings, &Progress::new(true))?;
     let geometry = format!("{} faces of {:.1} cm", proxy.face_count(), 100.0 * proxy.edge());
@@ -52,15 +52,10 @@ fn measure_proxy(name: &str, loaded: &LoadedScene, reference: &ReferenceData, co
 }
 
 fn measure_own(name: &str, loaded: &LoadedScene, reference: &ReferenceData, count: usize) -> Outcome<()> {
-    let settings = BakeSettings {
-        patches: PatchKind::Cluster,
-        patch_count: count,
-        // Only the points matter.
-        receiver_edge: Some(0.1 * loaded.scene.diagonal()),
-        receiver_rays: 16,
-        seed: SEED,
-        ..BakeSettings::default()
-    };
+    let settings = BakeSettings::default().with_patches(PatchKind::Cluster).with_patch_count(count);
+    // Only the points matter.
+    let settings =
+        settings.with_receiver_edge(Some(0.1 * loaded.scene.diagonal())).with_receiver_rays(16).with_seed(SEED);
     let progress = Progress::new(true);
     let bake = Arc::new(Bake::build(&loaded.scene, &settings, &progress)?);
     let light = LightSettings::default();

@@ -307,7 +307,8 @@ fn bad_gltf_is_refused_with_its_place() {
 #[test]
 fn no_damaged_file_makes_a_reader_panic_hang_or_fill_the_memory() {
     let corpus = Corpus::new();
-    let (mut read, mut refused) = (0, 0);
+    let mut read = 0;
+    let mut refused = 0;
     for number in 0..3000 {
         let (name, bytes) = corpus.mutant(number);
         match corpus.read(name, &bytes) {

@@ -77,7 +77,8 @@ fn program() -> Option<PathBuf> {
 /// Output of a program.
 fn said(program: &Path, folder: &Path, arguments: &[&str]) -> Result<String, String> {
     let output = Command::new(program).args(arguments).current_dir(folder).output().map_err(|e| e.to_string())?;
-    let (out, err) = (String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr));
+    let out = String::from_utf8_lossy(&output.stdout);
+    let err = String::from_utf8_lossy(&output.stderr);
     if output.status.success() { Ok(out.into_owned()) } else { Err(format!("{arguments:?}: {err}")) }
 }
 

@@ -28,25 +28,24 @@ fn a_bake_on_a_device_is_that_of_the_host() {
     let Some(mut vulkan) = vulkan() else { return };
     // Textured triangles, elements of clusters, receivers that see the sky.
     let loaded = load_or_build("atrium:3000").unwrap();
-    let settings = BakeSettings {
-        patch_count: 60,
-        estimator: Estimator::Hemisphere { rays: 256 },
-        receiver_rays: 64,
-        ..BakeSettings::default()
-    };
+    let settings = BakeSettings::default()
+        .with_patch_count(60)
+        .with_estimator(Estimator::Hemisphere { rays: 256 })
+        .with_receiver_rays(64);
     let rows = |bake: Bake| {
         let elements = bake.form_factors.element_rows.unwrap();
         assert!(elements.rows() > bake.mesh.patches.len(), "elements are finer than patches");
         let receivers = bake.receivers;
         let mesh = &receivers.interpolation;
         let between = (mesh.points.clone(), mesh.vertices.clone(), receivers.weights);
-        let (points, sky) = (receivers.points.len(), receivers.sky_rows);
+        let points = receivers.points.len();
+        let sky = receivers.sky_rows;
         (points, elements, bake.form_factors.sky_factor, bake.form_factors.factors, receivers.rows, sky, between)
     };
     let own = rows(Bake::build(&loaded.scene, &settings, &Silent).unwrap());
     let notes = Notes::default();
     let build = |vulkan: &mut Vulkan, seed: u32| {
-        rows(Bake::build_on(vulkan, &loaded.scene, &BakeSettings { seed, ..settings }, &notes).unwrap())
+        rows(Bake::build_on(vulkan, &loaded.scene, &settings.with_seed(seed), &notes).unwrap())
     };
     assert!(own == build(&mut vulkan, 0));
     let told = notes.0.lock().unwrap().clone();
@@ -69,17 +68,14 @@ fn a_bake_on_a_device_is_that_of_the_host() {
 fn voxels_on_a_device_have_the_samples_of_the_host() {
     let Some(mut vulkan) = vulkan() else { return };
     let scene = load_or_build("office").unwrap().scene;
-    let settings = BakeSettings {
-        patches: PatchKind::Voxel,
-        patch_count: 60,
-        estimator: Estimator::Hemisphere { rays: 64 },
-        receivers: ReceiverKind::Patches,
-        ..BakeSettings::default()
-    };
+    let settings = BakeSettings::default()
+        .with_patches(PatchKind::Voxel)
+        .with_patch_count(60)
+        .with_estimator(Estimator::Hemisphere { rays: 64 })
+        .with_receivers(ReceiverKind::Patches);
     let own = Bake::build(&scene, &settings, &Silent).unwrap();
     let notes = Notes::default();
-    let mut build =
-        |seed: u32| Bake::build_on(&mut vulkan, &scene, &BakeSettings { seed, ..settings }, &notes).unwrap();
+    let mut build = |seed: u32| Bake::build_on(&mut vulkan, &scene, &settings.with_seed(seed), &notes).unwrap();
     let theirs = build(0);
     assert!(theirs.mesh.points == own.mesh.points && theirs.mesh.patches == own.mesh.patches);
     assert!(theirs.form_factors.factors == own.form_factors.factors);
@@ -110,7 +106,8 @@ fn walks_on_a_device_come_to_the_same_light() {
     let scene = load_or_build("office").unwrap().scene;
     let place = |k: u32| {
         let triangle = k % scene.geometry.triangles.len() as u32;
-        let (u, v) = (0.5 * unit(hash3(k, 0, 1)), 0.5 * unit(hash3(k, 1, 1)));
+        let u = 0.5 * unit(hash3(k, 0, 1));
+        let v = 0.5 * unit(hash3(k, 1, 1));
         let normal = scene.tables().normal(triangle) * if (k / 7).is_multiple_of(2) { 1.0 } else { -1.0 };
         SurfacePoint { position: scene.tables().position(triangle, u, v), patch: k, normal, weight: 0.0 }
     };
@@ -489,7 +486,8 @@ fn tiles_of_receivers_have_the_same_bits_on_every_device() {
     let line =
         |n: usize| halving_order(&(0..n).map(|i| Vec3::X * i as f32).collect::<Vec<_>>(), &vec![Vec3::Z; n], &[]);
     let area: Vec<f32> = (0..300).map(|j| 0.2 + random(j, 0, 1)).collect();
-    let (order, patch_order) = (line(421), line(300));
+    let order = line(421);
+    let patch_order = line(300);
     let receivers = TileSide { area: &[1.0; 421], order: &order };
     let patches = TileSide { area: &area, order: &patch_order };
     let tiles =

@@ -40,7 +40,8 @@ fn floor_and(walls: &[(Vec3, Vec3, Vec3)], lights: Vec<Light>, sky: f32) -> Load
 
 /// A lamp of 1 × 1 m that looks down, radiance 3.
 fn lamp(corner: Vec3) -> Light {
-    let (edge_a, edge_b) = (Vec3::X, Vec3::Z);
+    let edge_a = Vec3::X;
+    let edge_b = Vec3::Z;
     Light { kind: LIGHT_RECT, position: corner, color: Vec3::splat(3.0), edge_a, edge_b, area: 1.0, ..Light::default() }
 }
 
@@ -87,8 +88,10 @@ fn worst(picture: &Picture, camera: &Camera, expected: impl Fn(Vec3) -> f32) -> 
 
 /// π times the form factor to a rectangle parallel to the point's plane, with a corner over the point.
 fn corner_over(a: f32, b: f32, height: f32) -> f32 {
-    let (x, y) = (a / height, b / height);
-    let (rx, ry) = ((1.0 + x * x).sqrt(), (1.0 + y * y).sqrt());
+    let x = a / height;
+    let y = b / height;
+    let rx = (1.0 + x * x).sqrt();
+    let ry = (1.0 + y * y).sqrt();
     0.5 * (x / rx * atan2(y, rx) + y / ry * atan2(x, ry))
 }
 
@@ -156,7 +159,8 @@ fn shadows_of_a_lamp_are_those_of_many_random_rays() {
     };
     let wall = (vec3(-9.0, 0.0, -10.0), Vec3::Z * 20.0, Vec3::Y * 0.5);
     let open = direct(&floor_and(&[wall], loaded.scene.lighting.lights.clone(), 0.0), &camera, PixelLight::Smooth);
-    let (found, wrong) = (error(&smooth), error(&open));
+    let found = error(&smooth);
+    let wrong = error(&open);
     println!("smooth {found}, without the board {wrong}");
     assert!(found < 0.02 && wrong > 5.0 * found, "{found} {wrong}");
 }

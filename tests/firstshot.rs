@@ -120,9 +120,11 @@ fn on_coarse(scene: &Scene, coarse: &Subdivision, fine: &Subdivision, irradiance
 
 /// Area-weighted relative difference (L2) of luminance.
 fn difference(areas: &[f32], found: &[Vec3], expected: &[Vec3]) -> f64 {
-    let (mut wrong, mut all) = (0.0f64, 0.0f64);
+    let mut wrong = 0.0f64;
+    let mut all = 0.0f64;
     for ((a, b), &area) in found.iter().zip(expected).zip(areas) {
-        let (a, b) = (f64::from(luminance(*a)), f64::from(luminance(*b)));
+        let a = f64::from(luminance(*a));
+        let b = f64::from(luminance(*b));
         wrong += f64::from(area) * (a - b).powi(2);
         all += f64::from(area) * b * b;
     }
@@ -147,7 +149,8 @@ fn photons_agree_with_the_operator_of_all_bounces() {
         let mut tracer = Tracer::new(scene, &emission, &accumulator, settings).unwrap();
         assert!(tracer.run(&|_| ControlFlow::Continue(())));
         let found = tracer.estimate();
-        let (own, stated) = (difference(&areas, &found.irradiance, &expected), found.round.error);
+        let own = difference(&areas, &found.irradiance, &expected);
+        let stated = found.round.error;
         println!("{name}: difference {own:.4}, stated by the photons {stated:.4}, by the operator {of_operator:.4}");
         assert!(own < stated + of_operator, "{name}: {own} {stated} {of_operator}");
         assert!(own > 0.5 * stated, "{name}: better than its own noise: {own} {stated}");
@@ -164,7 +167,8 @@ fn points_of_cell(scene: &Scene, maps: &IlluminationMaps, triangle: u32, wanted:
         .map(|k| {
             let (u, v) = uniform_triangle(hammersley(k, count, (hash3(wanted, 0, 0), hash3(wanted, 1, 0))));
             let at = a + (b - a) * u + (c - a) * v;
-            let (position, normal) = (geometry.position(triangle, at.x, at.y), geometry.normal(triangle));
+            let position = geometry.position(triangle, at.x, at.y);
+            let normal = geometry.normal(triangle);
             SurfacePoint { position, patch: NONE, normal, weight: 1.0 }
         })
         .collect()
@@ -202,7 +206,10 @@ fn photons_agree_with_the_path_tracer() {
         cells.truncate(24);
         let tracer = PathTracer::new(scene);
         let path = PathSettings::default();
-        let (mut squares, mut worst, mut light, mut variances) = (0.0f64, 0.0f64, [0.0f64; 2], 0.0f64);
+        let mut squares = 0.0f64;
+        let mut worst = 0.0f64;
+        let mut light = [0.0f64; 2];
+        let mut variances = 0.0f64;
         for &(t, cell) in &cells {
             let points = points_of_cell(scene, &maps, t, cell, 64);
             let traced = tracer.irradiance(&points, 512, &path);
@@ -219,7 +226,8 @@ fn photons_agree_with_the_path_tracer() {
             variances += variance;
             light = [light[0] + own, light[1] + mean];
         }
-        let (rms, ratio) = ((squares / cells.len() as f64).sqrt(), light[0] / light[1]);
+        let rms = (squares / cells.len() as f64).sqrt();
+        let ratio = light[0] / light[1];
         // Errors of cells are partly those of the same photons: twice as much as if they were independent. In the
         // atrium the light of all cells differs by 3 % from seed to seed, for photons from the lights as well.
         let noise = 2.0 * variances.sqrt() / light[1];
@@ -246,7 +254,8 @@ fn by_kernels(
     dispatch: u32,
 ) -> (Sums, f64, Vec<Vec4>) {
     let emission = first_shot(scene);
-    let (mut plan, mut tables) = (Plan::new(), Tables::new());
+    let mut plan = Plan::new();
+    let mut tables = Tables::new();
     let scene_tables = SceneTables::new(&mut plan, &mut tables, scene, scene.lighting.lights.len().max(1));
     let areas = maps.areas().to_vec();
     let cells = areas.len() as u32;
@@ -333,7 +342,9 @@ fn light_elements_by_rays_of_a_device_are_those_of_the_host() {
     let mut loaded = load_or_build("atrium:3000").unwrap();
     let middle = 0.5 * (loaded.scene.geometry.bounds.0 + loaded.scene.geometry.bounds.1);
     let lamp = Light { kind: LIGHT_POINT, position: middle, color: Vec3::splat(100.0), ..Light::default() };
-    let (direction, cos_inner, cos_outer) = (Vec3::new(0.6, -0.8, 0.0), 0.9, 0.8);
+    let direction = Vec3::new(0.6, -0.8, 0.0);
+    let cos_inner = 0.9;
+    let cos_outer = 0.8;
     let spot = Light { kind: LIGHT_SPOT, direction, cos_inner, cos_outer, ..lamp };
     let lights = [&loaded.scene.lighting.lights[..], &[lamp, spot]].concat();
     loaded.scene.set_lights(&lights);
@@ -436,7 +447,8 @@ fn pictures_by_photons_have_what_mirrors_and_glass_show_and_send() {
     let blocks = |picture: &Picture| -> Vec<f32> {
         let mut sums = vec![0.0; (SIZE.0 * SIZE.1 / 25) as usize];
         for (k, pixel) in (0u32..).zip(&picture.pixels) {
-            let (x, y) = (k % SIZE.0 / 5, k / SIZE.0 / 5);
+            let x = k % SIZE.0 / 5;
+            let y = k / SIZE.0 / 5;
             // The lamp itself would outweigh all else.
             sums[(y * (SIZE.0 / 5) + x) as usize] += luminance(pixel.min(Vec3::ONE)) / 25.0;
         }

@@ -27,7 +27,7 @@ fn settings(focus: Focus) -> BakeSettings {
         receiver_rays: 64,
         ..Setup::default()
     };
-    BakeSettings { focus, receiver_density: 0.1, ..setup.bake_settings() }
+    setup.bake_settings().with_focus(focus).with_receiver_density(0.1)
 }
 
 fn bake(loaded: &LoadedScene, focus: Focus) -> Bake {
@@ -163,7 +163,8 @@ fn a_damaged_bake_says_so() {
         let loaded = procedural::build(name).unwrap();
         let sound = bake(&loaded, Focus::Auto);
         let check = sound.energy.unwrap();
-        let (near, unseen) = (check.near.unwrap(), check.unseen.unwrap());
+        let near = check.near.unwrap();
+        let unseen = check.unseen.unwrap();
         println!("{name}: {check:?}");
         assert!(check.balance.abs() < 0.02, "{name}: {check:?}");
         for part in [near, unseen] {

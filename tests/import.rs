@@ -267,7 +267,8 @@ fn a_medium_is_read_written_and_checked() {
 
 #[test]
 fn the_middle_of_a_sky_map_is_minus_z_and_its_top_is_up() {
-    let (width, height) = (16u32, 8u32);
+    let width = 16u32;
+    let height = 8u32;
     let mark = |column: u32, row: u32| {
         let map = image::Rgb32FImage::from_fn(width, height, |x, y| {
             image::Rgb([f32::from(x == column && y == row) * 9.0, 0.25, 0.5])
@@ -280,8 +281,10 @@ fn the_middle_of_a_sky_map_is_minus_z_and_its_top_is_up() {
     };
     // Column c covers the azimuths (c .. c + 1)/16 − ½ from −z towards +x; row r the angles (r .. r + 1)·π/8 from +y.
     let direction = |column: f64, row: f64| {
-        let (azimuth, down) = ((column + 0.5) / 16.0 * std::f64::consts::TAU, (row + 0.5) / 8.0 * std::f64::consts::PI);
-        let (s, c) = (down.sin(), down.cos());
+        let azimuth = (column + 0.5) / 16.0 * std::f64::consts::TAU;
+        let down = (row + 0.5) / 8.0 * std::f64::consts::PI;
+        let s = down.sin();
+        let c = down.cos();
         Vec3::new((-azimuth.sin() * s) as f32, c as f32, (azimuth.cos() * s) as f32)
     };
     for (column, row) in [(8u32, 4u32), (12, 3), (4, 4), (0, 6), (3, 0)] {
@@ -448,8 +451,8 @@ fn a_bare_mesh_is_framed_and_lit() {
     for corner in [Vec3::new(-1.0, -1.0, 0.0), Vec3::new(1.0, 1.0, 0.0), Vec3::new(1.0, -1.0, 0.0)] {
         let to = corner - camera.eye;
         let depth = to.dot(camera.forward);
-        let (x, y) =
-            (to.dot(camera.right) / camera.right.length_squared(), to.dot(camera.up) / camera.up.length_squared());
+        let x = to.dot(camera.right) / camera.right.length_squared();
+        let y = to.dot(camera.up) / camera.up.length_squared();
         assert!(depth > 0.0 && (x / depth).abs() < 1.0 && (y / depth).abs() < 1.0);
     }
 }
@@ -473,7 +476,8 @@ fn built_in_scenes_show_their_fronts_and_have_no_cracks() {
         let geometry = scene.scene.tables();
         // The published camera of the Cornell Box is outside.
         let eye = if spec == "cornell" { Vec3::new(0.278, 0.273, 0.02) } else { scene.view.eye };
-        let (mut escaped, mut backs) = (0, 0);
+        let mut escaped = 0;
+        let mut backs = 0;
         for direction in directions(200_000) {
             let hit = scene.scene.closest(eye, direction);
             if hit.is_miss() {
@@ -514,7 +518,8 @@ fn every_built_in_scene_can_be_animated() {
         let own = Animation::or_default_path(&scene);
         assert!(own.at(0.0) != own.at(0.5 * own.duration()), "{spec}");
         let animation = Animation::default_path(&scene);
-        let (first, last) = (animation.at(0.0).0, animation.at(0.5).0);
+        let first = animation.at(0.0).0;
+        let last = animation.at(0.5).0;
         assert!(!first.is_empty() && first != last && animation.duration() == 1.0, "{spec}");
         let (low, high) = scene.scene.geometry.bounds;
         for light in last.iter().filter(|l| l.kind != LIGHT_DIRECTIONAL) {
@@ -548,7 +553,8 @@ fn a_scene_that_was_written_reads_back_the_same() {
             places.sort_by_key(|&k| s.scene.geometry.triangles[k as usize].source);
             places
         };
-        let (places, places_again) = (by_source(&scene), by_source(&again));
+        let places = by_source(&scene);
+        let places_again = by_source(&again);
         let probe = |s: &LoadedScene, at: u32| s.scene.tables().albedo(at, 0.3, 0.3).extend(0.0);
         for k in (0..places.len()).step_by(17) {
             let (a, b): (Vec4, Vec4) = (probe(&scene, places[k]), probe(&again, places_again[k]));

@@ -87,7 +87,8 @@ fn a_field_in_another_place_is_noticed() {
     assert_eq!(kernel.bindings[0].kind, BindingKind::Storage { stride });
     // The fields t_max and direction of a ray swapped, each at the other's offset.
     let mut moved = Module::parse(kernel.spv).unwrap();
-    let (t_max, direction) = ((ray, 1, decoration::OFFSET), (ray, 2, decoration::OFFSET));
+    let t_max = (ray, 1, decoration::OFFSET);
+    let direction = (ray, 2, decoration::OFFSET);
     assert_eq!((moved.decorations[&t_max], moved.decorations[&direction]), (12, 16));
     moved.decorations.insert(t_max, 24);
     moved.decorations.insert(direction, 12);

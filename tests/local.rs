@@ -61,7 +61,8 @@ fn flight(
     let mut light = loader(method).load(loaded, bake, executor).unwrap();
     let path = Animation::fly(loaded);
     let lighting = &loaded.scene.lighting;
-    let (mut shown, mut entered) = (Vec::new(), 0);
+    let mut shown = Vec::new();
+    let mut entered = 0;
     for frame in 0..frames {
         let view = path.at(frame as f32 / frames as f32).1;
         light.advance(lighting, &view.camera(SIZE.0, SIZE.1)).unwrap();

@@ -47,7 +47,8 @@ fn difference(a: &Distribution, b: impl Fn(f64, f64) -> f64) -> f64 {
     let mut most = 0.0f64;
     for gamma in 0..=36 {
         for c in 0..48 {
-            let (gamma, c) = (5.0 * f64::from(gamma), 7.5 * f64::from(c));
+            let gamma = 5.0 * f64::from(gamma);
+            let c = 7.5 * f64::from(c);
             most = most.max((a.intensity(gamma, c) - b(gamma, c)).abs());
         }
     }
@@ -122,7 +123,8 @@ fn tilt_is_taken_at_rest_or_refused() {
 
 /// An intensity that is mirrored as a file of each symmetry has it.
 fn mirrored(mirrors: (bool, bool), gamma: f64, c: f64) -> f64 {
-    let (mut x, mut y) = (c.to_radians().cos(), c.to_radians().sin());
+    let mut x = c.to_radians().cos();
+    let mut y = c.to_radians().sin();
     if mirrors.0 {
         y = y.abs();
     }
@@ -214,7 +216,8 @@ fn a_set_of_lamps_is_chosen() {
     let second = ["-1", "LED", "2500", "3000", "80", "20"].map(str::to_owned);
     lines.splice(32..32, second);
     let text = lines.join("\n");
-    let (first, second) = (read_set("ldt", &text, 1).unwrap(), read_set("ldt", &text, 2).unwrap());
+    let first = read_set("ldt", &text, 1).unwrap();
+    let second = read_set("ldt", &text, 2).unwrap();
     assert!((second.flux() / first.flux() - 2.5).abs() < 1e-12);
     assert_eq!((first.lamp_flux, second.lamp_flux), (Some(1000.0), None));
     assert!(first.warnings[0].contains("1000 lm, 2500 lm") && first.warnings[0].contains("lamp_set"));
@@ -409,7 +412,8 @@ fn paths_and_photons_know_luminaires() {
     }
 
     // Photons from the lamp: all that is on the floor, by integration.
-    let (cells, edge) = (300u32, 9.0f32);
+    let cells = 300u32;
+    let edge = 9.0f32;
     let step = edge / cells as f32;
     let place =
         |k: u32| Vec3::new((k % cells) as f32 + 0.5, 0.0, (k / cells) as f32 + 0.5) * step - Vec3::new(4.5, 0.0, 4.5);
@@ -446,9 +450,7 @@ fn paths_and_photons_know_luminaires() {
 fn a_renderer_follows_luminaires_that_change() {
     // Two of each kind, in a closed room.
     let loaded = load(&shared("room.toml")).unwrap_or_else(|error| panic!("{error}"));
-    let bake = Arc::new(
-        Bake::build(&loaded.scene, &BakeSettings { patch_count: 60, ..BakeSettings::default() }, &Silent).unwrap(),
-    );
+    let bake = Arc::new(Bake::build(&loaded.scene, &BakeSettings::default().with_patch_count(60), &Silent).unwrap());
     let camera = loaded.view.camera(16, 16);
     let fresh = || {
         PictureRenderer::of_bake(

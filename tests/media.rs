@@ -92,7 +92,8 @@ fn a_lamp_over_a_floor_in_a_medium_has_its_closed_form() {
     let bake = setup.bake(&loaded).unwrap();
     // Where a ray through the middle of a pixel meets the floor, and how far that is.
     let place = |pixel: u32| {
-        let (x, y) = ((pixel % camera.width) as f32 + 0.5, (pixel / camera.width) as f32 + 0.5);
+        let x = (pixel % camera.width) as f32 + 0.5;
+        let y = (pixel / camera.width) as f32 + 0.5;
         let direction = scene::kernel::camera::camera_direction(&camera, x, y).normalize();
         let distance = -camera.eye.y / direction.y;
         (camera.eye + direction * distance, distance)
@@ -101,7 +102,9 @@ fn a_lamp_over_a_floor_in_a_medium_has_its_closed_form() {
         let setup = Setup { direct, sub_frames: 4, ..setup };
         let found = pictures(&setup, &loaded, &bake, Box::new(Cpu::new()));
         // Mean of the ratio less 1 and of its size, and the former without the way to the camera.
-        let (mut mean, mut size, mut without) = (Vec3::ZERO, Vec3::ZERO, Vec3::ZERO);
+        let mut mean = Vec3::ZERO;
+        let mut size = Vec3::ZERO;
+        let mut without = Vec3::ZERO;
         let mut count = 0.0;
         for (pixel, found) in (0u32..).zip(&found.full.pixels) {
             let (at, distance) = place(pixel);
@@ -130,7 +133,8 @@ fn blocks(picture: &Picture) -> Vec<Vec3> {
     let columns = SIZE.0 / BLOCK;
     let mut sums = vec![Vec3::ZERO; (columns * SIZE.1 / BLOCK) as usize];
     for (k, pixel) in (0u32..).zip(&picture.pixels) {
-        let (x, y) = (k % SIZE.0 / BLOCK, k / SIZE.0 / BLOCK);
+        let x = k % SIZE.0 / BLOCK;
+        let y = k / SIZE.0 / BLOCK;
         // The lamps themselves would outweigh all else.
         sums[(y * columns + x) as usize] += pixel.min(Vec3::ONE) / (BLOCK * BLOCK) as f32;
     }
@@ -269,7 +273,8 @@ fn a_calculation_plane_in_a_medium_has_the_light_of_the_path_tracer() {
     let expected = PathTracer::new(&loaded.scene).irradiance(&points, 512, &PathSettings::default());
     let lit =
         light.lux.iter().zip(&expected).filter_map(|(lux, e)| lux.map(|lux| (lux, illuminance(e.direct + e.indirect))));
-    let (mut found, mut sum) = (0.0, 0.0);
+    let mut found = 0.0;
+    let mut sum = 0.0;
     for (lux, expected) in lit {
         found += lux;
         sum += expected;

@@ -140,7 +140,8 @@ fn dense_products_in_blocks_of_rows_give_the_same_in_any_order() {
 #[test]
 fn dense_products_agree_with_each_other_and_with_plain_sums() {
     for input in inputs().into_iter().filter(is_dense) {
-        let (p, name) = (input.push::<GatherParams>(), input.kernel.name);
+        let p = input.push::<GatherParams>();
+        let name = input.kernel.name;
         let result = input.run_on_host().unwrap().remove(&2).unwrap();
         let n = 4 * p.vectors as usize;
         let exitance: &[Vec4] = input.table(1);
@@ -171,9 +172,11 @@ fn dense_products_agree_with_each_other_and_with_plain_sums() {
 #[test]
 fn the_number_of_threads_changes_no_byte() {
     let pool = |threads| rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-    let (one, two) = (pool(1), pool(2));
+    let one = pool(1);
+    let two = pool(2);
     for input in inputs() {
-        let (a, b) = (one.install(|| input.run_on_host().unwrap()), two.install(|| input.run_on_host().unwrap()));
+        let a = one.install(|| input.run_on_host().unwrap());
+        let b = two.install(|| input.run_on_host().unwrap());
         assert!(a == b, "{}", input.kernel.name);
     }
 }

@@ -85,7 +85,8 @@ fn difference(ours: &[Vec<u32>], theirs: &[Vec<u32>], tolerance: Tolerance) -> O
             Tolerance::Bits => x == y,
             Tolerance::Bytes => x.to_le_bytes().iter().zip(y.to_le_bytes()).all(|(p, q)| p.abs_diff(q) <= 1),
             Tolerance::Floats { relative, .. } => {
-                let (p, q) = (f32::from_bits(x), f32::from_bits(y));
+                let p = f32::from_bits(x);
+                let q = f32::from_bits(y);
                 x == y || (p - q).abs() <= relative * p.abs().max(1e-3 * scale)
             }
         };
@@ -96,11 +97,13 @@ fn difference(ours: &[Vec<u32>], theirs: &[Vec<u32>], tolerance: Tolerance) -> O
         let different: Vec<usize> = (0..a.len()).filter(|&k| !near(a[k], b[k])).collect();
         if different.len() > allowed {
             let k = different[0];
-            let (p, q) = (f32::from_bits(a[k]), f32::from_bits(b[k]));
-            let (count, all) = (different.len(), a.len());
+            let p = f32::from_bits(a[k]);
+            let q = f32::from_bits(b[k]);
+            let count = different.len();
+            let all = a.len();
             return Some(format!(
-                "output {buffer}: {count} of {all} words differ, first word {k}: {:#x} ({p}) on the CPU, {:#x} ({q}) on \
-                 Vulkan",
+                "output {buffer}: {count} of {all} words differ, first word {k}: {:#x} ({p}) on the CPU, {:#x} ({q}) \
+                 on Vulkan",
                 a[k], b[k]
             ));
         }
@@ -219,9 +222,11 @@ fn a_hundred_thousand_rays_hit_the_same_in_every_bit() {
 fn with_constant(kernel: &Kernel, from: f32, to: f32) -> &'static Kernel {
     const OP_CONSTANT: u32 = 43;
     let mut words: Vec<u32> = bytemuck::pod_collect_to_vec(kernel.spv);
-    let (mut at, mut changed) = (5, 0);
+    let mut at = 5;
+    let mut changed = 0;
     while at < words.len() {
-        let (length, operation) = ((words[at] >> 16) as usize, words[at] & 0xffff);
+        let length = (words[at] >> 16) as usize;
+        let operation = words[at] & 0xffff;
         if operation == OP_CONSTANT && length == 4 && words[at + 3] == from.to_bits() {
             words[at + 3] = to.to_bits();
             changed += 1;

@@ -177,7 +177,8 @@ fn both_executors_render_the_same_pictures() {
 /// Relative difference of indirect light, L2.
 fn indirect_error(ours: &Pictures, exact: &Pictures) -> f32 {
     let square = |pixels: &mut dyn Iterator<Item = Vec3>| pixels.map(|p| p.length_squared()).sum::<f32>();
-    let (a, b) = (&ours.indirect.pixels, &exact.indirect.pixels);
+    let a = &ours.indirect.pixels;
+    let b = &exact.indirect.pixels;
     (square(&mut a.iter().zip(b).map(|(a, b)| *a - *b)) / square(&mut b.iter().copied())).sqrt()
 }
 
@@ -210,8 +211,8 @@ fn every_codec_renders_the_picture_of_the_dense_operator() {
 #[test]
 fn both_executors_render_the_same_pictures_with_operators() {
     let loaded = procedural::build("cornell").unwrap();
-    let (half, blocks) =
-        (MethodSettings::Multibounce(Codec::Half), MethodSettings::Multibounce(Codec::Blocks(BlockCodec::Bc1)));
+    let half = MethodSettings::Multibounce(Codec::Half);
+    let blocks = MethodSettings::Multibounce(Codec::Blocks(BlockCodec::Bc1));
     for transport in [half, blocks, MethodSettings::Feedback(FeedbackSettings::default())] {
         let Some(vulkan) = vulkan() else { return };
         let by_operator = Setup { method: transport, ..settings(150) };
@@ -311,7 +312,9 @@ fn feedback_follows_a_light_that_changes() {
         println!("{products} products, accelerated {accelerated}: {errors:.5?}");
         errors
     };
-    let (plain, fast, three) = (run(1, false), run(1, true), run(3, false));
+    let plain = run(1, false);
+    let fast = run(1, true);
+    let three = run(3, false);
     assert!(plain[0] > 0.02, "the first frame lacks some bounces: {}", plain[0]);
     assert!(plain.windows(2).all(|two| two[1] < two[0]), "{plain:?}");
     assert!(fast[3] < 0.25 * plain[3], "{fast:?} {plain:?}");
@@ -347,8 +350,8 @@ fn operator_keeps_energy_reciprocity_and_closure_in_the_atrium() {
     let mut rows = form_factors(&Hemisphere { rays: 512 }, &surfaces, &|_, _| ControlFlow::Continue(())).unwrap();
     let noisy = reciprocity_residual(&rows.factors, &area);
     balance(&mut rows.factors, &mut rows.sky_factor, &area, None).unwrap();
-    let (reciprocity, closure) =
-        (reciprocity_residual(&rows.factors, &area), closure_residual(&rows.factors, &rows.sky_factor));
+    let reciprocity = reciprocity_residual(&rows.factors, &area);
+    let closure = closure_residual(&rows.factors, &rows.sky_factor);
     println!("reciprocity {noisy:.1e} before, {reciprocity:.1e} after; closure {closure:.1e}");
     assert!(reciprocity <= 1e-5 && closure <= 1e-5 && noisy > 1e-5);
 
@@ -357,7 +360,8 @@ fn operator_keeps_energy_reciprocity_and_closure_in_the_atrium() {
     let source: Vec<Vec4> = (0..n).map(|i| Vec4::splat(f32::from(i % 7 == 0))).collect();
     let light = jacobi(&rows.factors, &source, &albedo, Stop::Tolerance(1e-7)).unwrap();
     let balance_of = |absorbing: &[Vec4]| {
-        let (mut emitted, mut spent) = (0.0f64, 0.0f64);
+        let mut emitted = 0.0f64;
+        let mut spent = 0.0f64;
         for i in 0..n {
             let a = f64::from(area[i]);
             emitted += a * f64::from(source[i].x);

@@ -12,7 +12,9 @@ use scene::{Material, ReceiverSet, Scene, SceneParts, SidePolicy, Sides, Surface
 fn room() -> Scene {
     let mut triangles = Vec::new();
     let size = Vec3::new(3.0, 2.0, 2.0);
-    let (x, y, z) = (Vec3::X * size.x, Vec3::Y * size.y, Vec3::Z * size.z);
+    let x = Vec3::X * size.x;
+    let y = Vec3::Y * size.y;
+    let z = Vec3::Z * size.z;
     let low = Vec3::ZERO;
     for (corner, a, b) in [(low, x, y), (low, y, z), (low, z, x), (size, -y, -x), (size, -z, -y), (size, -x, -z)] {
         triangles.push(Triangle { corner, edge_a: a, edge_b: b, ..Triangle::default() });
@@ -72,7 +74,9 @@ fn every_set_shows_the_same_light() {
     // Irradiance at the same places by each set, exact rows of the places first.
     let by_all = |exitance: &[Vec4]| -> Vec<Vec<f32>> {
         let of = |set: &dyn ReceiverSet| gathered(&scene, &subdivision, set, exitance);
-        let (on_mesh, on_map, in_air) = (of(&mesh), of(&map), of(&volume));
+        let on_mesh = of(&mesh);
+        let on_map = of(&map);
+        let in_air = of(&volume);
         let interpolate = |&(t, u, v): &(u32, f32, f32)| {
             let hit = scene::Hit { triangle: t, u, v, t: 1.0 };
             transport::kernel::grid::interpolate_receivers(

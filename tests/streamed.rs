@@ -141,7 +141,8 @@ fn more_lights_than_fitted_shine_at_once() {
 fn pictures_of_worlds_in_bands_are_the_same() {
     let world = World::new("city:125000");
     let lights = world.lights(1);
-    let (mut whole, mut in_bands) = (world.stream(cpu()), world.stream(Box::new(Limited::new(cpu(), 1 << 14))));
+    let mut whole = world.stream(cpu());
+    let mut in_bands = world.stream(Box::new(Limited::new(cpu(), 1 << 14)));
     for number in 0..2 {
         let (expected, at_once) = world.frame(&mut whole, 3 * number, &lights);
         let (picture, frame) = world.frame(&mut in_bands, 3 * number, &lights);

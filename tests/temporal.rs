@@ -108,7 +108,8 @@ fn light_follows_a_jump_and_comes_to_rest_at_that_of_exact_products() {
                 _ => MethodSettings::Classic,
             };
             let (exact, _) = frames(&loaded, &bake, exact, cpu(), 1);
-            let (before, rest) = (&exact[0], &exact[1]);
+            let before = &exact[0];
+            let rest = &exact[1];
             let jump = distance(before, rest);
             assert!(jump > 0.1, "the lights do not jump: {jump}");
             let (shown, _) = frames(&loaded, &bake, MethodSettings::Temporal(temporal), cpu(), 100);
@@ -131,7 +132,8 @@ fn light_follows_a_jump_and_comes_to_rest_at_that_of_exact_products() {
             };
             // Averages hold back the later bounces, which are one a frame anyway.
             let least = if temporal.settings.control_variate { 0.9 } else { 0.85 };
-            let (first, then) = (arrived(0), arrived(8));
+            let first = arrived(0);
+            let then = arrived(8);
             assert!((least..1.1).contains(&then) && first < 0.1, "{temporal:?}: {first}, {then}");
             if temporal.settings.control_variate {
                 // The noise of a jump stays in a row until it is summed exactly, once in 16 frames; rows of all bounces

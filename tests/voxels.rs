@@ -59,7 +59,8 @@ fn points(scene: &Scene, count: u32) -> Vec<SurfacePoint> {
     let point = |k: u32| {
         let triangle = k % scene.geometry.triangles.len() as u32;
         let (u, v) = uniform_triangle((unit(hash3(k, 0, 3)), unit(hash3(k, 1, 3))));
-        let (position, normal) = (geometry.position(triangle, u, v), geometry.normal(triangle));
+        let position = geometry.position(triangle, u, v);
+        let normal = geometry.normal(triangle);
         SurfacePoint { position, normal, weight: 1.0, ..SurfacePoint::default() }
     };
     (0..count).map(point).collect()
@@ -73,7 +74,8 @@ fn check_furnace(loaded: &LoadedScene, pictures: &Pictures, indirect: &[Vec3]) -
     let expected = exitance / (Vec3::ONE - material.albedo);
     let off = |h: &Vec3| f64::from(((exitance + *h) / expected - 1.0).abs().max_element());
     let mut off: Vec<f64> = indirect.iter().map(off).collect();
-    let (median, p95) = (quantile(&mut off, 0.5), quantile(&mut off, 0.95));
+    let median = quantile(&mut off, 0.5);
+    let p95 = quantile(&mut off, 0.95);
     println!("irradiance at points off by {median:.4} (median), {p95:.4} (95th percentile)");
     if median > f64::from(TOLERANCE) || p95 > MAX {
         return Err(format!("irradiance at points off by {median} (median), {p95} (95th percentile)"));
@@ -107,7 +109,8 @@ fn patches_that_receive_take_every_bounce() {
     let loaded = procedural::build("furnace").unwrap();
     let points = points(&loaded.scene, 50);
     let material = loaded.scene.materials[0];
-    let (exitance, albedo) = (material.radiance.x * std::f32::consts::PI, material.albedo.x);
+    let exitance = material.radiance.x * std::f32::consts::PI;
+    let albedo = material.albedo.x;
     for kind in KINDS {
         for bounces in 1..=3 {
             let one = Setup { bounces: Some(bounces), ..settings(kind) };

@@ -57,7 +57,9 @@ impl Build {
     /// Six walls, the fronts inside: y = low, y = high, x = low, x = high, z = low, z = high.
     fn cuboid(&mut self, low: Vec3, high: Vec3) -> &mut Self {
         let d = high - low;
-        let (x, y, z) = (Vec3::X * d.x, Vec3::Y * d.y, Vec3::Z * d.z);
+        let x = Vec3::X * d.x;
+        let y = Vec3::Y * d.y;
+        let z = Vec3::Z * d.z;
         self.quad(low, z, x).quad(high, -x, -z).quad(low, y, z).quad(high, -z, -y).quad(low, x, y).quad(high, -y, -x)
     }
 
@@ -111,8 +113,10 @@ fn wall_points(low: Vec3, high: Vec3, inside: bool, margin: f32) -> Vec<SurfaceP
     let d = high - low;
     (0..6)
         .flat_map(|wall| {
-            let (axis, is_high) = (wall / 2, wall % 2 == 1);
-            let (a, b) = (Vec3::AXES[(axis + 1) % 3], Vec3::AXES[(axis + 2) % 3]);
+            let axis = wall / 2;
+            let is_high = wall % 2 == 1;
+            let a = Vec3::AXES[(axis + 1) % 3];
+            let b = Vec3::AXES[(axis + 2) % 3];
             let corner = if is_high { low + Vec3::AXES[axis] * d[axis] } else { low };
             let inwards = if is_high { -Vec3::AXES[axis] } else { Vec3::AXES[axis] };
             points(corner, a * d.dot(a), b * d.dot(b), if inside { inwards } else { -inwards }, margin, 5)
@@ -305,12 +309,16 @@ fn nook(is_open: bool) -> Build {
     // Floor and ceiling are cut where the walls stand.
     for (x, width) in [(-2.0, 1.5), (-0.5, 1.5), (1.0, 1.0)] {
         for z in [-2.0, 0.0] {
-            let (a, c) = (Vec3::X * width, 2.0 * Vec3::Z);
+            let a = Vec3::X * width;
+            let c = 2.0 * Vec3::Z;
             b.quad(vec3(x, 0.0, z), c, a).quad(vec3(x, 2.5, z), a, c);
         }
     }
-    let (x, y, z) = (4.0 * Vec3::X, 2.5 * Vec3::Y, 4.0 * Vec3::Z);
-    let (low, high) = (vec3(-2.0, 0.0, -2.0), vec3(2.0, 2.5, 2.0));
+    let x = 4.0 * Vec3::X;
+    let y = 2.5 * Vec3::Y;
+    let z = 4.0 * Vec3::Z;
+    let low = vec3(-2.0, 0.0, -2.0);
+    let high = vec3(2.0, 2.5, 2.0);
     b.quad(low, y, z).quad(high, -z, -y).quad(low, x, y).quad(high, -y, -x);
     b.lamp(vec3(-0.8, 1.6, -1.2));
     b
@@ -357,8 +365,11 @@ fn light_round_a_corner_of_clusters() {
 /// A room with a slit in its ceiling, and a screen on its floor beside where the sun will come through the slit.
 fn slit() -> Build {
     let mut b = Build::new();
-    let (low, high) = (vec3(-3.0, 0.0, -3.0), vec3(3.0, 3.0, 3.0));
-    let (x, y, z) = (6.0 * Vec3::X, 3.0 * Vec3::Y, 6.0 * Vec3::Z);
+    let low = vec3(-3.0, 0.0, -3.0);
+    let high = vec3(3.0, 3.0, 3.0);
+    let x = 6.0 * Vec3::X;
+    let y = 3.0 * Vec3::Y;
+    let z = 6.0 * Vec3::Z;
     b.quad(low, z, x).quad(low, y, z).quad(high, -z, -y).quad(low, x, y).quad(high, -y, -x);
     for (from, to) in [(-3.0, 0.3), (0.9, 3.0)] {
         b.quad(vec3(from, 3.0, -3.0), (to - from) * Vec3::X, z);
@@ -395,7 +406,10 @@ fn sunbeam_that_the_bake_has_not_seen() {
 /// Two sheets of 1 m with 1 cm between them, in a room with a lamp on either side; their rim is closed, or not.
 fn sheets(is_closed: bool) -> Build {
     let mut b = Build::new();
-    let (corner, x, y, gap) = (vec3(-0.5, 0.8, 0.0), Vec3::X, Vec3::Y, 0.01 * Vec3::Z);
+    let corner = vec3(-0.5, 0.8, 0.0);
+    let x = Vec3::X;
+    let y = Vec3::Y;
+    let gap = 0.01 * Vec3::Z;
     b.quad(corner, x, y).quad(corner + gap, x, y);
     if is_closed {
         b.quad(corner, x, gap).quad(corner + y, x, gap).quad(corner, y, gap).quad(corner + x, y, gap);
@@ -452,7 +466,10 @@ const HOUSING: (Vec3, Vec3) = (vec3(-0.3, 1.8, -0.3), vec3(0.3, 2.1, 0.3));
 fn luminaire(is_open: bool) -> Build {
     let mut b = Build::new();
     let d = HOUSING.1 - HOUSING.0;
-    let (low, x, y, z) = (HOUSING.0, Vec3::X * d.x, Vec3::Y * d.y, Vec3::Z * d.z);
+    let low = HOUSING.0;
+    let x = Vec3::X * d.x;
+    let y = Vec3::Y * d.y;
+    let z = Vec3::Z * d.z;
     b.quad(low + y, x, z);
     if !is_open {
         b.quad(low, x, y).quad(low + z, x, y).quad(low, z, y).quad(low + x, z, y);
@@ -531,7 +548,8 @@ fn check_poster(kind: PatchKind) {
         dark.count() as f64 / bare.len() as f64
     };
     let shadowed = dark_share(&seen(Some(0.2)));
-    let (two, one) = (dark_share(&seen(Some(0.002))), dark_share(&seen(Some(0.0002))));
+    let two = dark_share(&seen(Some(0.002)));
+    let one = dark_share(&seen(Some(0.0002)));
     println!("{kind:?}: dark pixels {one:.1e} at 0.2 mm, {two:.1e} at 2 mm, {shadowed:.1e} at 200 mm");
     assert!(shadowed > 0.01, "a sheet that casts a shadow goes unnoticed: {shadowed}");
     assert!(two.max(one) < 1e-3, "{one} {two}");

@@ -184,18 +184,16 @@ impl BakedScene {
     /// Builds and bakes a scene.
     pub fn new(subject: &Subject) -> Self {
         let loaded = procedural::build(subject.scene).unwrap();
-        let settings = BakeSettings {
-            patches: subject.patches,
-            patch_count: 250,
-            samples: 8,
-            sample_rays: 4,
-            estimator: Estimator::Hemisphere { rays: 256 },
-            receivers: subject.receivers,
-            most_receivers: Some(1000),
-            receiver_rays: 64,
-            seed: SEED,
-            ..BakeSettings::default()
-        };
+        let settings = BakeSettings::default()
+            .with_patches(subject.patches)
+            .with_patch_count(250)
+            .with_samples(8)
+            .with_sample_rays(4)
+            .with_estimator(Estimator::Hemisphere { rays: 256 })
+            .with_receivers(subject.receivers)
+            .with_most_receivers(Some(1000))
+            .with_receiver_rays(64)
+            .with_seed(SEED);
         let bake = Arc::new(Bake::build(&loaded.scene, &settings, &Silent).unwrap());
         Self { loaded, bake }
     }

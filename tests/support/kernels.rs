@@ -250,7 +250,8 @@ pub fn small_scene() -> Scene {
     add(Vec3::new(-1.0, 0.0, -1.0), Vec3::Z * 3.0, Vec3::X * 3.0, 1);
     add(Vec3::new(2.0, 0.0, 2.0), Vec3::NEG_Z * 3.0, Vec3::NEG_X * 3.0, 0);
     for k in 0..200 {
-        let (a, b) = (r.vector() - 0.5, r.vector() - 0.5);
+        let a = r.vector() - 0.5;
+        let b = r.vector() - 0.5;
         add(
             r.vector() + Vec3::Y * 0.1,
             a * 0.3,
@@ -371,7 +372,9 @@ fn offsets(r: &mut Random, n: usize) -> Vec<u32> {
 /// Voxels over the unit cube, a third of them empty; the number of each full one, that of any full one for the others,
 /// and how many are full.
 fn voxels(r: &mut Random) -> (GridShape, Vec<u32>, usize) {
-    let (count_x, count_y, count_z) = (5, 4, 3);
+    let count_x = 5;
+    let count_y = 4;
+    let count_z = 3;
     let edges = Vec3::new(0.2, 0.25, 1.0 / 3.0);
     let shape = GridShape { origin: Vec3::ZERO, count_x, edges, count_y, count_z, reserved: [0; 3] };
     let is_full: Vec<bool> = (0..count_x * count_y * count_z).map(|k| k == 0 || r.below(3) > 0).collect();
@@ -460,7 +463,8 @@ fn call<P: Pod>(elements: u32, push: P, tables: Tables) -> (u32, Vec<u8>, Tables
 /// Light of rectangles and emitters at a band of pixels, in the third of four fixed sub-frames. Emitters count by
 /// groups, though they are few.
 fn large_light(r: &mut Random, name: &str, scene: &Scene) -> (u32, Vec<u8>, Tables) {
-    let (width, height) = (33, 31);
+    let width = 33;
+    let height = 31;
     let camera = Camera::look_at(Vec3::new(1.7, 1.2, 1.9), Vec3::splat(0.4), Vec3::Y, 55.0, width, height);
     let p = LargeParams {
         camera: Camera { fixed_sub_frames: 4, ..camera },
@@ -549,7 +553,8 @@ fn chains(r: &mut Random, name: &str, scene: &Scene) -> (u32, Vec<u8>, Tables) {
         let p = FollowParams { pixels, absorption: ABSORPTION, ray_offset, count, ..FollowParams::default() };
         return call(count, p, vec![room::<Hit>("hits", n), room::<SpecularChain>("chains", n)]);
     }
-    let (tables, lights) = (scene.tables(), scene.all_lights());
+    let tables = scene.tables();
+    let lights = scene.all_lights();
     let follow =
         |k: u32| follow_primary(&tables, &lights, light_count, &camera, pixels.first + k, 5, ray_offset, Vec3::ZERO);
     let (hits, chains): (Vec<Hit>, Vec<SpecularChain>) = (0..count).map(follow).unzip();
@@ -703,7 +708,9 @@ fn own_tables(r: &mut Random, name: &str, scene: &Scene) -> (u32, Vec<u8>, Table
                 offsets.push(offsets[k] + 1 + r.below(3));
             }
             let points = surface_points(r, scene, offsets[30] as usize);
-            let (first_row, row_count, rays) = (2, 23, 17);
+            let first_row = 2;
+            let row_count = 23;
+            let rays = 17;
             let p = HemisphereParams {
                 first_row,
                 row_count,
@@ -764,7 +771,9 @@ fn own_tables(r: &mut Random, name: &str, scene: &Scene) -> (u32, Vec<u8>, Table
         }
         "formfactor_gather_hits" | "formfactor_gather_hits_view" => {
             // Half of the hits lie in a few columns: counts from one to more than four different columns can have.
-            let (rows, rays, columns) = (150, 300, 90);
+            let rows = 150;
+            let rays = 300;
+            let columns = 90;
             let hits: Vec<u32> =
                 (0..rows * rays).map(|k| if k % 2 == 0 { r.below(columns + 9) } else { r.below(4) / 3 }).collect();
             let scales: Vec<f32> = (0..rows).map(|_| r.unit() / rays as f32).collect();
@@ -773,7 +782,8 @@ fn own_tables(r: &mut Random, name: &str, scene: &Scene) -> (u32, Vec<u8>, Table
             // A block of rows: the first are left out, with their quads down to a whole word of counts.
             let skipped = 17;
             let first_quad = rows_of_hits.row_start()[skipped] / WORD_COUNTS * WORD_COUNTS;
-            let (rows, first) = (rows - skipped as u32, first_quad as usize);
+            let rows = rows - skipped as u32;
+            let first = first_quad as usize;
             let mut tables = vec![
                 buffer("row_start", &rows_of_hits.row_start()[skipped..]),
                 buffer("quads", &rows_of_hits.quads()[first..]),
@@ -789,7 +799,8 @@ fn own_tables(r: &mut Random, name: &str, scene: &Scene) -> (u32, Vec<u8>, Table
             call(rows, HitsParams { rows, first_quad }, tables)
         }
         "formfactor_gather" | "formfactor_gather_half" => {
-            let (rows, columns) = (71u32, 1031usize);
+            let rows = 71u32;
+            let columns = 1031usize;
             let vectors = columns.div_ceil(4) as u32;
             let p = GatherParams { rows, vectors, first_row: 3, reserved: 0 };
             // A row as it is stored: what is beyond the columns is 0.

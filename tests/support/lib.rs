@@ -23,7 +23,7 @@ pub static KERNELS: LazyLock<Vec<&'static Kernel>> = LazyLock::new(|| {
 /// The best Vulkan device with the validation layer watching, or `None` after saying why; with `REQUIRE_VULKAN=1` a
 /// missing device is a failure. `PATCHLIGHT_VALIDATION=1` makes a missing layer one, too.
 pub fn vulkan() -> Option<Vulkan> {
-    let validation = match Validation::from_environment() {
+    let validation = match Validation::parse(std::env::var("PATCHLIGHT_VALIDATION").ok().as_deref()) {
         Validation::Off => Validation::IfThere,
         other => other,
     };

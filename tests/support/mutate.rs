@@ -418,14 +418,12 @@ fn sign_png(bytes: &mut [u8]) {
 
 /// The bake of a scene with operators of every kind of tables.
 fn bake_scene(loaded: &LoadedScene, path: &Path) -> Vec<u8> {
-    let bake = BakeSettings {
-        patches: PatchKind::Voxel,
-        patch_count: 40,
-        receiver_edge: Some(0.4),
-        receiver_rays: 16,
-        estimator: Estimator::Hemisphere { rays: 16 },
-        ..BakeSettings::default()
-    };
+    let bake = BakeSettings::default()
+        .with_patches(PatchKind::Voxel)
+        .with_patch_count(40)
+        .with_receiver_edge(Some(0.4))
+        .with_receiver_rays(16)
+        .with_estimator(Estimator::Hemisphere { rays: 16 });
     let codecs = [Codec::Dense, Codec::Half, Codec::Blocks(BlockCodec::Bc1), Codec::LowRank { epsilon: 0.1 }];
     let settings = FileSettings {
         origin: Origin {

@@ -89,18 +89,16 @@ impl Setup {
 
     /// The settings of the bake.
     pub fn bake_settings(&self) -> BakeSettings {
-        BakeSettings {
-            patches: self.patches,
-            patch_count: self.patch_count,
-            voxel_size: self.voxel_size,
-            estimator: self.estimator,
-            bounces: self.bounces,
-            receivers: self.receivers,
-            most_receivers: self.most_receivers,
-            receiver_rays: self.receiver_rays,
-            seed: self.seed,
-            ..BakeSettings::default()
-        }
+        BakeSettings::default()
+            .with_patches(self.patches)
+            .with_patch_count(self.patch_count)
+            .with_voxel_size(self.voxel_size)
+            .with_estimator(self.estimator)
+            .with_bounces(self.bounces)
+            .with_receivers(self.receivers)
+            .with_most_receivers(self.most_receivers)
+            .with_receiver_rays(self.receiver_rays)
+            .with_seed(self.seed)
     }
 
     /// The bake of a scene.

@@ -97,7 +97,8 @@ impl Module {
         if !bytes.len().is_multiple_of(4) || words.first() != Some(&0x0723_0203) {
             return None;
         }
-        let (mut instructions, mut at) = (Vec::new(), 5);
+        let mut instructions = Vec::new();
+        let mut at = 5;
         while at < words.len() {
             let length = (words[at] >> 16) as usize;
             let operands = words.get(at + 1..at + length)?.to_vec();
@@ -158,7 +159,8 @@ impl Module {
         let mut found: Vec<_> = self
             .all(op::VARIABLE)
             .filter_map(|o| {
-                let (id, class) = (o[1], o[2]);
+                let id = o[1];
+                let class = o[2];
                 Some(Resource {
                     binding: self.decoration(id, decoration::BINDING)?,
                     set: self.decoration(id, decoration::DESCRIPTOR_SET)?,

@@ -246,15 +246,13 @@ fn baked(
         Input::Scene => {}
     }
     let mut loaded = output::import_within(scene, *memory_limit, progress)?;
-    let settings = BakeSettings {
-        patches: patches.kind(FormFactors::Hemisphere),
-        patch_count: patches.count(),
-        voxel_size: patches.voxel_size,
-        focus: patches.focus.unwrap_or_default().focus(&loaded, &loaded.animation),
-        memory_limit: *memory_limit,
-        seed: common.seed,
-        ..BakeSettings::default()
-    };
+    let settings = BakeSettings::default()
+        .with_patches(patches.kind(FormFactors::Hemisphere))
+        .with_patch_count(patches.count())
+        .with_voxel_size(patches.voxel_size)
+        .with_focus(patches.focus.unwrap_or_default().focus(&loaded, &loaded.animation))
+        .with_memory_limit(*memory_limit)
+        .with_seed(common.seed);
     let bake = build(device, BuildOn::Auto, &loaded.scene, &settings, progress);
     let bake = bake.map_err(|error| Error::of_scene(error, scene))?;
     loaded.scene = bake.scene.clone();

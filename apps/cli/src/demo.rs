@@ -23,10 +23,11 @@ use patchlight::method::{FeedbackSettings, FirstShotSettings, LocalSettings, Tem
 use patchlight::{
     Bake, BakeSettings, Estimator, LightSettings, MethodSettings, PictureRenderer, PictureSettings, Pictures,
 };
-use runtime::executor::{DeviceChoice, open};
+use runtime::executor::DeviceChoice;
 use runtime::graph::{Graph, Stage};
 use shell::Error;
 use shell::args::Common;
+use shell::device::open;
 use shell::errors::picture_errors;
 use shell::opened::build;
 use shell::output;
@@ -85,7 +86,8 @@ const METHODS: [Method; 6] = [
     Method {
         name: "classic",
         title: "Classic radiosity",
-        purpose: "the plain method, one sparse product a bounce: to measure others by, and for scenes that are seldom lit twice",
+        purpose: "the plain method, one sparse product a bounce: to measure others by, and for scenes that are seldom \
+             lit twice",
         settings: MethodSettings::Classic,
     },
     Method {
@@ -97,7 +99,8 @@ const METHODS: [Method; 6] = [
     Method {
         name: "feedback",
         title: "Feedback",
-        purpose: "one bounce a frame: albedo may change, and there is next to nothing to bake; light settles within frames",
+        purpose: "one bounce a frame: albedo may change, and there is next to nothing to bake; light settles within \
+             frames",
         settings: MethodSettings::Feedback(FEEDBACK),
     },
     Method {
@@ -188,17 +191,17 @@ pub fn run(common: &Common, args: Demo) -> Result<(), Error> {
     }
     let introduction = [
         format!(
-            "Diffuse global illumination on {device}, beside path tracing of the same frames. Lights move over {} frames; \
-             form factors are computed once.",
+            "Diffuse global illumination on {device}, beside path tracing of the same frames. Lights move over {} \
+             frames; form factors are computed once.",
             effort.frames
         ),
         format!(
-            "Classic radiosity multiplies by the form factors for each bounce. The operator of all bounces does it in one \
-             product; it is stored in tiles with an error of {:.0} %. Feedback takes one product a frame with form factors \
-             stored alike, from the light of the frame before; temporal radiosity does it with {} samples a row of what has \
-             changed. The local matrix multiplies once by the operator of {} patches, fine ones near the camera, merged ones far \
-             off. First shot traces photons from where lights fall first until the irradiance of the patches has an error \
-             of {:.0} %. All share patches, form factors and receivers.",
+            "Classic radiosity multiplies by the form factors for each bounce. The operator of all bounces does it in \
+             one product; it is stored in tiles with an error of {:.0} %. Feedback takes one product a frame with \
+             form factors stored alike, from the light of the frame before; temporal radiosity does it with {} \
+             samples a row of what has changed. The local matrix multiplies once by the operator of {} patches, fine \
+             ones near the camera, merged ones far off. First shot traces photons from where lights fall first until \
+             the irradiance of the patches has an error of {:.0} %. All share patches, form factors and receivers.",
             100.0 * EPSILON,
             TEMPORAL.settings.samples,
             LOCAL.slots,
@@ -237,13 +240,11 @@ fn one_scene(
     progress: &Progress,
 ) -> Result<Outcome, Error> {
     output::make_folder(out)?;
-    let settings = BakeSettings {
-        patch_count: effort.patches,
-        estimator: Estimator::Hemisphere { rays: effort.rays },
-        receiver_rays: effort.rays / 2,
-        seed: common.seed,
-        ..BakeSettings::default()
-    };
+    let settings = BakeSettings::default()
+        .with_patch_count(effort.patches)
+        .with_estimator(Estimator::Hemisphere { rays: effort.rays })
+        .with_receiver_rays(effort.rays / 2)
+        .with_seed(common.seed);
     let (mut device, _) = open(&DeviceChoice::parse(&common.device))?;
     let bake = Arc::new(build(device.as_mut(), BuildOn::Auto, &loaded.scene, &settings, progress)?);
     drop(device);

@@ -165,7 +165,8 @@ impl Places {
         if self.vertices {
             let name = format!("{}-vertices", loaded.name);
             let [back, front] = [false, true].map(|front| at_corners(renderer.light_mut(), part, front));
-            let (back, front) = (back?, front?);
+            let back = back?;
+            let front = front?;
             let side = |&(triangle, is_front): &(u32, bool)| LitSide {
                 triangle,
                 front: is_front,

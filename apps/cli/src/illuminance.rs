@@ -166,7 +166,8 @@ fn parse_area(text: &str) -> Result<(Vec2, Vec2), String> {
     let numbers: Vec<f32> = text.split(',').filter_map(|part| part.trim().parse().ok()).collect();
     match numbers[..] {
         [a, b, c, d] if [a, b, c, d].iter().all(|x| x.is_finite()) && a != c && b != d => {
-            let (p, q) = (Vec2::new(a, b), Vec2::new(c, d));
+            let p = Vec2::new(a, b);
+            let q = Vec2::new(c, d);
             Ok((p.min(q), p.max(q)))
         }
         _ => Err(format!("`{text}` is not X,Z,X,Z of two corners, m")),
@@ -247,7 +248,8 @@ fn write_colours(path: &Path, size: (u32, u32), lux: &[Option<f32>], scale: f32)
         let place = k % size.0 + canvas.width * (k / size.0);
         canvas.pixels[place as usize] = value.map_or([96; 3], |value| color(value / scale));
     }
-    let (top, bottom) = (LETTER, height as i32 - LETTER - 1);
+    let top = LETTER;
+    let bottom = height as i32 - LETTER - 1;
     for y in top..=bottom {
         let share = (bottom - y) as f32 / (bottom - top) as f32;
         let first = size.0 + 8 + canvas.width * y as u32;

@@ -84,14 +84,12 @@ pub fn run(common: &Common, spec: &str, patches: &PatchOptions, operator: &Opera
     if patches.is_given() || operator.operator {
         let start = Instant::now();
         let kind = patches.kind(FormFactors::Hemisphere);
-        let settings = BakeSettings {
-            patches: kind,
-            patch_count: patches.count(),
-            focus: patches.focus.unwrap_or_default().focus(&loaded, &loaded.animation),
-            voxel_size: patches.voxel_size,
-            seed: common.seed,
-            ..BakeSettings::default()
-        };
+        let settings = BakeSettings::default()
+            .with_patches(kind)
+            .with_patch_count(patches.count())
+            .with_focus(patches.focus.unwrap_or_default().focus(&loaded, &loaded.animation))
+            .with_voxel_size(patches.voxel_size)
+            .with_seed(common.seed);
         let mesh = interruptible(|| make_mesh(&loaded, &settings))?;
         info.patches = Some(Patches::of(&mesh, kind, info.area_m2, start.elapsed().as_secs_f64()));
         if operator.operator {

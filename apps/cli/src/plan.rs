@@ -71,9 +71,11 @@ impl Plan {
     fn slurm(&self) -> String {
         let name = self.name();
         let job: String = name.chars().map(|c| if c.is_ascii_alphanumeric() { c } else { '-' }).collect();
-        let (parts, memory) = (self.parts, self.megabytes());
+        let parts = self.parts;
+        let memory = self.megabytes();
         let words = |words: &[String]| words.iter().map(|word| quoted(word)).collect::<Vec<_>>().join(" ");
-        let (bake, merge) = (words(&self.arguments), words(&self.merge()));
+        let bake = words(&self.arguments);
+        let merge = words(&self.merge());
         // The shell puts the number between two quoted halves.
         let file = quoted(&self.part("\u{1}")).replacen('\u{1}', "'\"$part\"'", 1);
         let mut text = String::new();

@@ -23,11 +23,12 @@ use patchlight::{
     Bake, BakeSettings, FrameResult, LightSettings, MethodSettings, PictureRenderer, PictureSettings, Pictures,
     PixelLight, ReceiverUpdate,
 };
-use runtime::executor::{DeviceChoice, Executor, open};
+use runtime::executor::{DeviceChoice, Executor};
 use runtime::graph::Graph;
 use runtime::recipe::multibounce::Decoder;
 use shell::Error;
 use shell::args::{Bounces, Common, Method};
+use shell::device::open;
 use shell::opened::{Opened, best_method, build, open_device};
 use shell::output;
 use shell::path;
@@ -193,8 +194,8 @@ impl Job<'_> {
             && scene.lighting.lights.iter().any(|light| light.kind != scene::LIGHT_RECT)
         {
             progress.warn(
-                "what points, spots, luminaires and suns send by way of mirrors or through glass is not found by paths; give these \
-                 lights a surface (emission, rect) to see it",
+                "what points, spots, luminaires and suns send by way of mirrors or through glass is not found by \
+                 paths; give these lights a surface (emission, rect) to see it",
             );
         }
         let movement = self.movement();
@@ -302,8 +303,8 @@ impl Job<'_> {
         let rays = lights as f64 * (pixels + samples);
         if rays > MANY_RAYS {
             self.progress.warn(&format!(
-                "{lights} lights take {:.0} million shadow rays a frame; fewer lights, or a smaller --size, --spp or --patch-count \
-                 take less",
+                "{lights} lights take {:.0} million shadow rays a frame; fewer lights, or a smaller --size, --spp or \
+                 --patch-count take less",
                 rays * 1e-6
             ));
         }
@@ -570,7 +571,8 @@ fn print(s: &Summary) {
     for (name, errors) in [("full", &s.full), ("indirect", &s.indirect)] {
         if let Some(e) = errors {
             say!(
-                "{name:14} block median {:.2} %, block PSNR {:.1} dB, mean ratio {:.4}, MSE {}, PSNR {:.2} dB, SSIM {:.4}, FLIP {}",
+                "{name:14} block median {:.2} %, block PSNR {:.1} dB, mean ratio {:.4}, MSE {}, PSNR {:.2} dB, SSIM \
+                 {:.4}, FLIP {}",
                 100.0 * e.block_median_relative_error,
                 e.block_psnr_db,
                 e.mean_ratio,

@@ -16,8 +16,8 @@ const FRAME_COLOUR: Vec3 = Vec3::new(1.0, 0.02, 0.02);
 pub fn worst_blocks(ours: &Picture, reference: &Picture, scale: f32) -> Result<Picture, PictureError> {
     // Also says when sizes differ.
     let difference = {
-        let (a, b) =
-            (ours.block_means(BLOCK_EDGE).displayed(scale), reference.block_means(BLOCK_EDGE).displayed(scale));
+        let a = ours.block_means(BLOCK_EDGE).displayed(scale);
+        let b = reference.block_means(BLOCK_EDGE).displayed(scale);
         a.minus(&b)?
     };
     let mut blocks: Vec<(f32, u32)> =

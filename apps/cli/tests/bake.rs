@@ -27,7 +27,8 @@ fn render(arguments: &[&str], out: &Path) -> (Vec<u8>, serde_json::Value) {
 fn every_method_renders_the_same_bits_from_a_bake() {
     let folder = tempfile::tempdir().unwrap();
     let name = |file: &str| folder.path().join(file).to_string_lossy().into_owned();
-    let (file, dense) = (name("a.bake"), name("dense.bake"));
+    let file = name("a.bake");
+    let dense = name("dense.bake");
     bake("cornell", &file, &["--for", "tiles,feedback", "--epsilon", "0.05", "--seed", "3"]);
     bake("cornell", &dense, &["--for", "multibounce", "--codec", "dense", "--seed", "3"]);
     let cases: [(&str, &[&str], &[&str]); 7] = [
@@ -127,7 +128,8 @@ fn a_device_bakes_the_same_bytes() {
         println!("skipped: no Vulkan device");
         return;
     }
-    let (own, device) = (name("own.bake"), name("device.bake"));
+    let own = name("own.bake");
+    let device = name("device.bake");
     // An operator of all bounces that a device makes has other last bits (tests/device.rs).
     let more = ["--patches", "cluster", "--for", "classic"];
     bake("cornell", &own, &[&more[..], &["--device", "cpu"]].concat());
@@ -211,7 +213,9 @@ fn a_scene_that_was_edited_since_is_named() {
     let at = |file: &str| folder.path().join(file);
     let name = |file: &str| at(file).to_string_lossy().into_owned();
     succeeds(&["scene", "cornell", "--out", &name("")]);
-    let (scene, file, out) = (name("cornell.toml"), name("a.bake"), name("out"));
+    let scene = name("cornell.toml");
+    let file = name("a.bake");
+    let out = name("out");
     bake(&scene, &file, &[]);
     let look = || {
         let output = run(&[&["render", &file, "--out", &out], &SHOWN[..]].concat());

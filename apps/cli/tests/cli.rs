@@ -73,7 +73,8 @@ fn a_medium_is_path_traced_and_refused_by_name_where_form_factors_are_needed() {
     let lamp = "[[light]]\ntype = \"point\"\nposition = [0, 0, 1]\nintensity = [1, 1, 1]\n";
     let medium = "[medium]\nabsorption = [0.1, 0.2, 0.3]\n";
     std::fs::write(path("fog.toml"), format!("version = 1\nmesh = \"a.obj\"\n{lamp}{medium}")).unwrap();
-    let (scene, out) = (path("fog.toml"), path("out"));
+    let scene = path("fog.toml");
+    let out = path("out");
     for method in ["classic", "tiles", "feedback", "temporal", "local"] {
         let own = ["render", &scene, "--method", method, "--out", &out];
         let message = fails(1, &[&own[..], &SMALL].concat());
@@ -118,7 +119,8 @@ fn classic_and_path_write_their_pictures_and_summary() {
         }
         assert!(leftovers(&out).is_empty());
     }
-    let (a, b) = (folder.path().join("classic/indirect.exr"), folder.path().join("path/indirect.exr"));
+    let a = folder.path().join("classic/indirect.exr");
+    let b = folder.path().join("path/indirect.exr");
     let printed = succeeds(&["compare", a.to_str().unwrap(), b.to_str().unwrap(), "--json"]);
     let printed: serde_json::Value = serde_json::from_str(&printed).unwrap();
     let ratio = printed["full"]["mean_ratio"].as_f64().unwrap();
@@ -129,7 +131,8 @@ fn classic_and_path_write_their_pictures_and_summary() {
     for name in ["leaks", "stains", "noise"] {
         assert!(same.contains(&format!("{name:30} 0.000 % of the pixels")), "{same}");
     }
-    let (direct, marked) = (folder.path().join("path/direct.exr"), folder.path().join("marked"));
+    let direct = folder.path().join("path/direct.exr");
+    let marked = folder.path().join("marked");
     let [a, b, direct, folder] = [&a, &b, &direct, &marked].map(|path| path.to_str().unwrap());
     let more = ["--reference-error", b, "--indirect", b, "--marked", folder, "--json"];
     let printed = succeeds(&[&["compare", direct, a][..], &more].concat());
@@ -166,7 +169,8 @@ fn an_interrupted_path_tracing_resumes_to_the_same_bytes() {
         let fixed = ["render", "cornell", "--method", "path", "--size", "64x48", "--quiet", "--out", out];
         fixed.iter().chain(more).map(|s| (*s).to_owned()).collect::<Vec<_>>()
     };
-    let (whole, stopped) = (folder.path().join("whole"), folder.path().join("stopped"));
+    let whole = folder.path().join("whole");
+    let stopped = folder.path().join("stopped");
     let started = Instant::now();
     let mut child = Command::new(env!("CARGO_BIN_EXE_patchlight"))
         .args(arguments(&stopped, &["--spp", "1000000"]))
@@ -527,7 +531,9 @@ fn info_describes_the_patches() {
         assert!((number("surface_sides_m2") / (2.0 * all["area_m2"].as_f64().unwrap()) - 1.0).abs() < 1e-6);
         let share = number("area_m2") / number("surface_sides_m2");
         assert!((0.45..0.55).contains(&share), "{found}");
-        let (least, middle, most) = (number("min_area_m2"), number("median_area_m2"), number("max_area_m2"));
+        let least = number("min_area_m2");
+        let middle = number("median_area_m2");
+        let most = number("max_area_m2");
         assert!(0.0 < least && least <= middle && middle <= most && most * count >= number("area_m2"), "{found}");
         let has_voxels = ["voxel", "axis"].contains(&kind);
         assert_eq!(found.get("voxels").is_some() && found.get("voxel_edge_m").is_some(), has_voxels);
@@ -554,7 +560,8 @@ fn info_tells_what_operators_take_and_lose() {
     let number = |value: &serde_json::Value, key: &str| value[key].as_f64().unwrap_or_else(|| panic!("{key}: {value}"));
     for (codec, limit) in [("dense", 1e-6), ("f16", 1e-3), ("bc1", 0.1), ("bc3", 0.1), ("bc6h", 0.1), ("bc7", 0.1)] {
         let found = info(codec, "0.01");
-        let (radius, t) = (number(&found, "spectral_radius"), &found["stored"][0]);
+        let radius = number(&found, "spectral_radius");
+        let t = &found["stored"][0];
         assert_eq!((t["operator"].as_str(), t["codec"].as_str()), (Some("T"), Some(codec)));
         assert!((0.1..0.95).contains(&radius) && (number(t, "spectral_radius") - radius).abs() < 0.01, "{found}");
         assert!(number(t, "frobenius") <= limit && number(t, "compact_lights") <= limit, "{t}");
@@ -565,9 +572,11 @@ fn info_tells_what_operators_take_and_lose() {
         assert_eq!(t["order_mse"].as_array().map(Vec::len), is_blocks.then_some(5), "{t}");
         assert_eq!(t["decode"].as_str().is_some(), is_blocks, "{t}");
     }
-    let (fine, coarse) = (info("tiles", "0.001"), info("tiles", "0.1"));
+    let fine = info("tiles", "0.001");
+    let coarse = info("tiles", "0.1");
     for k in 0..2 {
-        let (fine, coarse) = (&fine["stored"][k], &coarse["stored"][k]);
+        let fine = &fine["stored"][k];
+        let coarse = &coarse["stored"][k];
         assert!(number(fine, "frobenius") <= 0.001 && number(coarse, "frobenius") > 0.01, "{fine} {coarse}");
         assert!(number(fine, "total_bytes") > number(coarse, "total_bytes"), "{fine} {coarse}");
         assert!(number(&fine["tiles"], "entries") > 0.0, "{fine}");
@@ -696,7 +705,8 @@ fn debug_pictures_show_the_bake() {
     let errors = [1, 2, 3].map(|line| number(line, "relative_error"));
     assert!(errors[0] >= errors[1] && errors[1] >= errors[2] && errors[0] > 0.0, "{table}");
     for line in 1..4 {
-        let (found, asked) = (number(line, "indirect_g"), number(line, "reference_g"));
+        let found = number(line, "indirect_g");
+        let asked = number(line, "reference_g");
         let luminance = |name: &str| {
             0.2126 * number(line, &format!("{name}_r"))
                 + 0.7152 * number(line, &format!("{name}_g"))
@@ -790,7 +800,8 @@ fn info_and_scene_agree_about_a_built_in_scene() {
     let written = folder.path().join("cornell.toml");
     let info =
         |spec: &str| -> serde_json::Value { serde_json::from_str(&succeeds(&["info", spec, "--json"])).unwrap() };
-    let (built, read) = (info("cornell"), info(written.to_str().unwrap()));
+    let built = info("cornell");
+    let read = info(written.to_str().unwrap());
     for key in ["triangles", "materials", "emissive_materials"] {
         assert_eq!(built[key], read[key], "{key}");
     }

@@ -44,7 +44,8 @@ fn light_in_files_is_read_again() {
     for name in ["vertices", "lightmap"] {
         let read = assets::import::load(&out.join(format!("cornell-{name}.gltf"))).unwrap();
         assert!(read.scene.geometry.triangles.len() >= whole.scene.geometry.triangles.len(), "{name}");
-        let (a, b) = (read.scene.geometry.bounds, whole.scene.geometry.bounds);
+        let a = read.scene.geometry.bounds;
+        let b = whole.scene.geometry.bounds;
         assert!(a.0.distance(b.0) + a.1.distance(b.1) < 1e-4, "{name}: {a:?} {b:?}");
     }
     let picture = Picture::read(&out.join("cornell-lightmap.exr")).unwrap();
@@ -153,7 +154,8 @@ fn an_atlas_of_the_file_is_kept() {
     let scene = path("first/room.gltf");
     fs::write(&scene, json.to_string()).unwrap();
     export(&scene, "second");
-    let (first, second) = (atlas(&path("first"), "cornell").0, atlas(&path("second"), "room"));
+    let first = atlas(&path("first"), "cornell").0;
+    let second = atlas(&path("second"), "room");
     assert!(second.0.len() > 60);
     let is_in = |corner: &[f32; 5], shift: f32| {
         let near = |other: &[f32; 5]| corner.iter().zip(other).all(|(a, b)| (a + shift - b).abs() < 1e-4);
@@ -163,15 +165,16 @@ fn an_atlas_of_the_file_is_kept() {
     assert_eq!(second.1.width, second.1.height);
     // From a bake it is the same; an atlas in which triangles lie on each other is not taken, with a warning.
     let bake = path("room.bake");
-    let (of, to) = (scene.to_str().unwrap(), bake.to_str().unwrap());
+    let of = scene.to_str().unwrap();
+    let to = bake.to_str().unwrap();
     succeeds(&["bake", of, "--patch-count", "60", "--for", "classic", "--quiet", "--out", to]);
     export(&bake, "third");
     let third = atlas(&path("third"), "room");
     assert!(third.0 == second.0 && third.1 == second.1);
     let uv = json["meshes"][0]["primitives"][0]["attributes"]["TEXCOORD_1"].as_u64().unwrap() as usize;
     let view = &json["bufferViews"][json["accessors"][uv]["bufferView"].as_u64().unwrap() as usize];
-    let (first, length) =
-        (view["byteOffset"].as_u64().unwrap() as usize, view["byteLength"].as_u64().unwrap() as usize);
+    let first = view["byteOffset"].as_u64().unwrap() as usize;
+    let length = view["byteLength"].as_u64().unwrap() as usize;
     let binary = path("first/cornell-lightmap.bin");
     let mut bytes = fs::read(&binary).unwrap();
     bytes.copy_within(first..first + length / 2, first + length / 2);

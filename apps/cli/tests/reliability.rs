@@ -174,7 +174,10 @@ fn what_is_no_regular_file_is_refused() {
         assert!(Command::new("mkfifo").arg(&path).status().unwrap().success());
         path.to_str().unwrap().to_owned()
     };
-    let (scene, mesh, bake, exr) = (pipe("a.toml"), pipe("a.obj"), pipe("a.bake"), pipe("a.exr"));
+    let scene = pipe("a.toml");
+    let mesh = pipe("a.obj");
+    let bake = pipe("a.bake");
+    let exr = pipe("a.exr");
     for arguments in [
         &["info", &scene][..],
         &["info", &mesh],
@@ -252,7 +255,10 @@ fn picture(path: &Path, value: f32, last: f32) {
 fn a_comparison_names_the_file_and_judges_a_black_reference_absolutely() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name);
-    let (black, grey, odd, other) = (at("black.exr"), at("grey.exr"), at("odd.exr"), at("other.exr"));
+    let black = at("black.exr");
+    let grey = at("grey.exr");
+    let odd = at("odd.exr");
+    let other = at("other.exr");
     picture(&black, 0.0, 0.0);
     picture(&grey, 0.25, 0.25);
     picture(&odd, 0.25, f32::NAN);
@@ -269,7 +275,8 @@ fn a_comparison_names_the_file_and_judges_a_black_reference_absolutely() {
     let json = |ours: &str| -> serde_json::Value {
         serde_json::from_str(&succeeds(&["compare", ours, black, "--json"])).unwrap()
     };
-    let (same, bright) = (json(black), json(grey));
+    let same = json(black);
+    let bright = json(grey);
     assert_eq!(same["full"]["mse"].as_f64(), Some(0.0), "{same}");
     assert_eq!(same["faults"]["leak_share"].as_f64(), Some(0.0), "{same}");
     assert_eq!(bright["faults"]["leak_share"].as_f64(), Some(1.0), "{bright}");

@@ -78,7 +78,8 @@ fn kill_count() -> u64 {
 #[test]
 fn a_bake_that_is_killed_at_random_moments_comes_to_the_same_bytes() {
     let folder = tempfile::tempdir().unwrap();
-    let (whole, killed) = (folder.path().join("whole.bake"), folder.path().join("killed.bake"));
+    let whole = folder.path().join("whole.bake");
+    let killed = folder.path().join("killed.bake");
     let arguments = |path: &Path| -> Vec<String> {
         let own =
             ["world", "cornell", "-o", path.to_str().unwrap(), "--patch-count", "300", "--rays", "32768", "--quiet"];
@@ -89,7 +90,9 @@ fn a_bake_that_is_killed_at_random_moments_comes_to_the_same_bytes() {
     assert!(command_of(&whole).output().unwrap().status.success());
     let time = start.elapsed().as_micros() as u64;
     let expected = fs::read(&whole).unwrap();
-    let (mut kills, mut finished, mut resumed) = (0, 0, 0);
+    let mut kills = 0;
+    let mut finished = 0;
+    let mut resumed = 0;
     for k in 0u64.. {
         if kills >= kill_count() {
             break;
@@ -139,10 +142,9 @@ fn a_full_disk_is_said_and_the_old_bake_stays() {
     let folder = tempfile::tempdir().unwrap();
     // A small file system of its own, where the system allows to make one.
     let script = format!(
-        "mount -t tmpfs -o size=400k none '{0}' || exit 77; \
-         '{1}' world cornell -o '{0}/a.bake' --patch-count 300 --rays 64 --quiet || exit 78; sum=$(cksum < '{0}/a.bake'); \
-         '{1}' world cornell -o '{0}/a.bake' --patch-count 20000 --rays 64 --quiet; code=$?; \
-         [ \"$sum\" = \"$(cksum < '{0}/a.bake')\" ] || exit 79; exit $code",
+        "mount -t tmpfs -o size=400k none '{0}' || exit 77; '{1}' world cornell -o '{0}/a.bake' --patch-count 300 \
+         --rays 64 --quiet || exit 78; sum=$(cksum < '{0}/a.bake'); '{1}' world cornell -o '{0}/a.bake' --patch-count \
+         20000 --rays 64 --quiet; code=$?; [ \"$sum\" = \"$(cksum < '{0}/a.bake')\" ] || exit 79; exit $code",
         folder.path().display(),
         env!("CARGO_BIN_EXE_patchlight")
     );
@@ -192,7 +194,8 @@ fn wrong_bakes_are_named_with_the_remedy() {
     assert_eq!(output.status.code(), Some(1), "{said}");
     assert!(said.contains("b.bake: block ") && said.contains("at byte"), "{said}");
     // A short run says so, too, and no more than that.
-    let (bake, out) = (name("b.bake"), name("out"));
+    let bake = name("b.bake");
+    let out = name("out");
     let output = run(&["render", &bake, "--method", "local", "--size", "32x24", "--slots", "2048", "--out", &out]);
     let warnings = text(&output.stderr);
     assert!(output.status.success(), "{warnings}");
@@ -275,7 +278,8 @@ fn still_light_does_not_pop_on_a_flight() {
             "--size",
             "48x32",
         ];
-        let (file, folder) = (name("a.bake"), name(out));
+        let file = name("a.bake");
+        let folder = name(out);
         let own = ["render", &file, "--out", &folder];
         succeeds(&[&own[..], more, &shared].concat());
         let csv = fs::read_to_string(Path::new(&folder).join("frames.csv")).unwrap();

@@ -30,7 +30,8 @@ fn the_bench_of_patches_writes_its_tables_plots_and_report() {
     for row in rows {
         let number = |key: &str| row[key].as_f64().unwrap_or_else(|| panic!("{key}: {row}"));
         let is_proxy = row["method"] == "voxel proxy";
-        let (ratio, bound) = (number("indirect_mean_ratio"), if is_proxy { 4.0 } else { 1.25 });
+        let ratio = number("indirect_mean_ratio");
+        let bound = if is_proxy { 4.0 } else { 1.25 };
         assert!((1.0 / bound..bound).contains(&ratio), "{row}");
         assert!(number("indirect_block_median") > 0.0 && number("indirect_psnr_db") > 5.0);
         assert_eq!(row.get("bytes").is_some(), !is_proxy);
@@ -167,7 +168,8 @@ fn bench_frame_tells_where_the_time_of_light_updates_goes() {
         summary["rows"].as_array().unwrap().iter().find(is_row).unwrap_or_else(|| panic!("{method}, {event}")).clone()
     };
     let number = |row: &serde_json::Value, key: &str| row["light_update"][key].as_f64().unwrap();
-    let (part, all) = (row("tiles 1 %", "lights move", "in view"), row("tiles 1 %", "lights move", "all"));
+    let part = row("tiles 1 %", "lights move", "in view");
+    let all = row("tiles 1 %", "lights move", "all");
     assert!(number(&part, "visible_points") < number(&all, "visible_points"));
     assert!(number(&part, "visible_receivers") <= number(&all, "visible_receivers"));
     for method in ["temporal", "local", "classic"] {
@@ -186,7 +188,8 @@ fn bench_frame_tells_where_the_time_of_light_updates_goes() {
 fn study(name: &str) -> (tempfile::TempDir, serde_json::Value, String) {
     let folder = tempfile::tempdir().unwrap();
     let text = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
-    let (out, docs) = (text("out"), text("docs"));
+    let out = text("out");
+    let docs = text("docs");
     let arguments = [name, "--quick", "--note", "in a test", "--out", &out, "--docs", &docs, "--device", "cpu"];
     let markdown = succeeds(&[&arguments[..], &["--quiet"]].concat());
     let read = |name: &str| std::fs::read_to_string(folder.path().join(name)).unwrap();
@@ -333,7 +336,8 @@ fn bench_unseen_measures_lights_that_no_bake_has_seen() {
 fn a_scene_is_added_to_those_that_documents_have() {
     let folder = tempfile::tempdir().unwrap();
     let text = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
-    let (out, docs) = (text("out"), text("docs"));
+    let out = text("out");
+    let docs = text("docs");
     let run = |scene: &str, note: &str| {
         let mut arguments = vec!["step", scene, "--note", note, "--out", &out, "--docs", &docs, "--device", "cpu"];
         arguments.extend(["--counts", "100", "--size", "32x24", "--rays", "64", "--receiver-rays", "16", "--quiet"]);
@@ -365,7 +369,8 @@ fn a_scene_is_added_to_those_that_documents_have() {
 fn bench_clean_counts_faults_against_references_that_it_keeps() {
     let folder = tempfile::tempdir().unwrap();
     let text = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
-    let (out, cache) = (text("out"), text("cache"));
+    let out = text("out");
+    let cache = text("cache");
     let shared = ["--cache", cache.as_str(), "--size", "48x32", "--quiet", "--device", "cpu"];
     let small = ["--counts", "150", "--rays", "64", "--receiver-rays", "32", "--sub-frames", "2", "--frames", "2"];
     let run = |scenes: &[&str], more: &[&str]| -> Vec<String> {
@@ -477,8 +482,8 @@ fn bench_table3_measures_every_method_alike() {
     }
     for row in rows {
         let number = |path: &[&str]| path.iter().fold(row, |value, key| &value[*key]).as_f64();
-        let (ratio, bound) =
-            (number(&["indirect", "mean_ratio"]).unwrap(), if row["family"] == "voxel proxy" { 4.0 } else { 1.7 });
+        let ratio = number(&["indirect", "mean_ratio"]).unwrap();
+        let bound = if row["family"] == "voxel proxy" { 4.0 } else { 1.7 };
         assert!((0.3..bound).contains(&ratio), "{row}");
         assert!(
             number(&["update", "median_ms"]).unwrap() > 0.0 && number(&["full", "psnr_db"]).unwrap() > 5.0,

@@ -38,8 +38,8 @@ pub enum Error {
     },
     /// A bake without the operator of a method.
     #[error(
-        "{} holds no operator for --method {asked}, {}; bake the scene again with `patchlight bake SCENE {again}`, or render the \
-         scene itself",
+        "{} holds no operator for --method {asked}, {}; bake the scene again with `patchlight bake SCENE {again}`, or \
+         render the scene itself",
         path.display(),
         what_is_held(held)
     )]
@@ -54,7 +54,8 @@ pub enum Error {
         again: String,
     },
     /// The bake of a world where light is to be written.
-    #[error("{} is the bake of a world, whose light is never there as a whole; give a scene or the bake of one", path.display())]
+    #[error("{} is the bake of a world, whose light is never there as a whole; give a scene or the bake of \
+         one", path.display())]
     WorldLight {
         /// The bake.
         path: PathBuf,
@@ -215,7 +216,8 @@ fn hint(error: &patchlight::Error) -> Option<String> {
             "--receivers self needs --patches voxel or axis; or choose --receivers mesh"
         }
         Library::TooLarge { .. } => {
-            "--receiver-edge or --most-receivers, --patch-count, --method tiles, --slots, --size; or a larger --memory-limit"
+            "--receiver-edge or --most-receivers, --patch-count, --method tiles, --slots, --size; or a larger \
+             --memory-limit"
         }
         Library::OperatorMemory { instead, .. } => return Some(format!("--patch-count, --method {instead}")),
         Library::NoTextureUnit { .. } => "--decode kernel, or another --device",

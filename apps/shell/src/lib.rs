@@ -7,6 +7,7 @@
 pub mod print;
 
 pub mod args;
+pub mod device;
 pub mod error;
 pub mod errors;
 pub mod measure;

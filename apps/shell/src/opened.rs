@@ -3,13 +3,14 @@
 use std::path::Path;
 use std::time::SystemTime;
 
+use crate::device::open;
 use assets::import::{LoadedScene, load_or_build};
 use localmatrix::BakeError;
 use patchlight::file::Section;
 use patchlight::low_level::operator::{BuildOn, Codec, OperatorKey};
 use patchlight::method::FeedbackSettings;
 use patchlight::{Bake, BakeFile, BakeSettings, MethodSettings, Origin};
-use runtime::executor::{DeviceChoice, Executor, open};
+use runtime::executor::{DeviceChoice, Executor};
 use scene::Scene;
 
 use crate::args::{Common, Method, OperatorSettings};

@@ -15,14 +15,16 @@ pub fn exact_product(channels: Channels, area: &[f32], source: &[Vec4]) -> Vec<V
         Channels::Stored(each) => {
             // What cannot be read is no number.
             let one = |c: usize| {
-                let (light, mut out) =
-                    (Vec::from_iter((0..root.len()).map(|i| source[i][c] * root[i])), vec![0.0; root.len()]);
+                let light = Vec::from_iter((0..root.len()).map(|i| source[i][c] * root[i]));
+                let mut out = vec![0.0; root.len()];
                 if each[c].product(&light, &mut out).is_err() {
                     out.fill(f32::NAN);
                 }
                 out
             };
-            let (r, g, b) = (one(0), one(1), one(2));
+            let r = one(0);
+            let g = one(1);
+            let b = one(2);
             return (0..root.len()).map(|i| Vec4::new(r[i], g[i], b[i], 0.0) / root[i]).collect();
         }
         Channels::Factors(factors) => {
@@ -30,14 +32,17 @@ pub fn exact_product(channels: Channels, area: &[f32], source: &[Vec4]) -> Vec<V
             return (0..area.len()).into_par_iter().map(row).collect();
         }
     };
-    let (r, g, b) = (one(r, 0), one(g, 1), one(b, 2));
+    let r = one(r, 0);
+    let g = one(g, 1);
+    let b = one(b, 2);
     (0..root.len()).map(|i| Vec4::new(r[i], g[i], b[i], 0.0) / root[i]).collect()
 }
 
 /// Relative error of irradiance, L2 by area, the greatest of the channels.
 pub fn relative_error(ours: &[Vec4], exact: &[Vec4], area: &[f32]) -> f64 {
     let error = |c: usize| {
-        let (mut wrong, mut whole) = (0.0, 0.0);
+        let mut wrong = 0.0;
+        let mut whole = 0.0;
         for ((h, x), a) in ours.iter().zip(exact).zip(area) {
             wrong += f64::from(*a) * f64::from(h[c] - x[c]).powi(2);
             whole += f64::from(*a) * f64::from(x[c]).powi(2);

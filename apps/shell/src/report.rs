@@ -259,18 +259,21 @@ const ARCS: f64 = 52.0;
 fn frame_graph(g: &FrameGraph) -> Markup {
     let left = |k: usize| 4.0 + k as f64 * (BOX.0 + GAP);
     let top = TOP + ARCS;
-    let (width, height) = (left(g.stages.len()) - GAP + 4.0, top + BOX.1 + ARCS);
+    let width = left(g.stages.len()) - GAP + 4.0;
+    let height = top + BOX.1 + ARCS;
     // Those that skip a stage go round it, above forwards and below backwards.
     let arrow = |from: usize, to: usize| {
         if from + 1 == to {
             let y = top + 0.5 * BOX.1;
             return format!("M {:.0} {y:.0} H {:.0}", left(from) + BOX.0, left(to) - 7.0);
         }
-        let (forwards, reach) = (from < to, 18.0 + 9.0 * from.abs_diff(to) as f64);
+        let forwards = from < to;
+        let reach = 18.0 + 9.0 * from.abs_diff(to) as f64;
         let y = if forwards { top } else { top + BOX.1 };
         let bend = if forwards { y - reach } else { y + reach };
         let end = if forwards { y - 7.0 } else { y + 7.0 };
-        let (a, b) = (left(from) + 0.7 * BOX.0, left(to) + 0.3 * BOX.0);
+        let a = left(from) + 0.7 * BOX.0;
+        let b = left(to) + 0.3 * BOX.0;
         format!("M {a:.0} {y:.0} C {a:.0} {bend:.0} {b:.0} {bend:.0} {b:.0} {end:.0}")
     };
     html! {

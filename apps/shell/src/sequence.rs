@@ -196,8 +196,9 @@ impl Sequence {
         let ssim = least.map_or(String::new(), |ssim| format!("; SSIM against full radiosity at least {ssim:.4}"));
         (work > 0).then(|| {
             format!(
-                "{moved} patches came or went: {:.1} times less work than a new matrix in every frame; {:.0} % of it is \
-                 multiplied by; displayed values of 99.9 % of the surface change by {flicker:.2}/255 a frame at most{ssim}",
+                "{moved} patches came or went: {:.1} times less work than a new matrix in every frame; {:.0} % of it \
+                 is multiplied by; displayed values of 99.9 % of the surface change by {flicker:.2}/255 a frame at \
+                 most{ssim}",
                 anew as f64 / work as f64,
                 100.0 * lit as f64 / all.max(1) as f64
             )
@@ -361,7 +362,8 @@ mod tests {
             assert!(eyes.iter().all(|eye| eye.cmpge(low).all() && eye.cmple(high).all()), "{path:?}");
             // No frame goes far, and the way is long.
             let steps: Vec<f32> = eyes.windows(2).map(|two| two[0].distance(two[1])).collect();
-            let (most, way) = (steps.iter().copied().fold(0.0, f32::max), steps.iter().sum::<f32>());
+            let most = steps.iter().copied().fold(0.0, f32::max);
+            let way = steps.iter().sum::<f32>();
             assert!(way > 0.5 * (high - low).max_element() && most < 0.15 * way, "{path:?} {way} {most}");
         }
         assert_eq!(
@@ -372,7 +374,8 @@ mod tests {
 
     #[test]
     fn distances_are_relative() {
-        let (a, b) = ([Vec3::new(3.0, 0.0, 0.0)], [Vec3::new(0.0, 4.0, 0.0)]);
+        let a = [Vec3::new(3.0, 0.0, 0.0)];
+        let b = [Vec3::new(0.0, 4.0, 0.0)];
         assert_eq!(distance(&a, &b), 1.25);
         assert_eq!(distance(&a, &a), 0.0);
         assert_eq!(distance(&[Vec3::ZERO], &[Vec3::ZERO]), 0.0);

@@ -82,7 +82,7 @@ impl Display {
     /// [`Error::NoWindow`], [`Error::NoDevice`].
     pub fn open() -> Result<Self, Error> {
         let events = EventLoop::new().map_err(|error| Error::NoWindow { reason: reason(&error.to_string()) })?;
-        let gpu = Gpu::new(&events.owned_display_handle(), Validation::from_environment())?;
+        let gpu = Gpu::new(&events.owned_display_handle(), shell::device::validation())?;
         Ok(Self { events, gpu })
     }
 

@@ -18,8 +18,8 @@ pub enum Error {
     },
     /// No Vulkan device that can show a window.
     #[error(
-        "no Vulkan device can show a window: {reason}; install a graphics driver (Mesa's lavapipe needs no graphics card), or \
-         use `patchlight render`, which writes pictures into files and needs none"
+        "no Vulkan device can show a window: {reason}; install a graphics driver (Mesa's lavapipe needs no graphics \
+         card), or use `patchlight render`, which writes pictures into files and needs none"
     )]
     NoDevice {
         /// The missing part.
@@ -58,7 +58,8 @@ pub enum Error {
     },
     /// A bake whose light is not on the device.
     #[error(
-        "receivers at the pixels are gathered on the host, for measuring: bake with receivers on the mesh, or use `patchlight render`"
+        "receivers at the pixels are gathered on the host, for measuring: bake with receivers on the mesh, or use \
+         `patchlight render`"
     )]
     PixelReceivers,
     /// A reference, a screenshot.
@@ -105,7 +106,8 @@ impl Error {
 fn remedy(result: vk::Result) -> &'static str {
     match result {
         vk::Result::ERROR_DEVICE_LOST => {
-            "the device was reset, often because one pass ran too long: start again with a smaller window, or on the CPU"
+            "the device was reset, often because one pass ran too long: start again with a smaller window, or on the \
+             CPU"
         }
         vk::Result::ERROR_SURFACE_LOST_KHR => "the window system took the window away: start again",
         vk::Result::ERROR_OUT_OF_DEVICE_MEMORY | vk::Result::ERROR_OUT_OF_HOST_MEMORY => {

@@ -145,7 +145,8 @@ mod tests {
     fn an_eye_shows_what_its_view_shows() {
         for up in [Vec3::Y, Vec3::Z, Vec3::X] {
             let view = View { up, ..view() };
-            let (own, expected) = (Eye::of_view(&view, 10.0).camera((64, 48)), view.camera(64, 48));
+            let own = Eye::of_view(&view, 10.0).camera((64, 48));
+            let expected = view.camera(64, 48);
             assert_eq!(own.eye, expected.eye);
             for (a, b) in [(own.forward, expected.forward), (own.right, expected.right), (own.up, expected.up)] {
                 assert!(a.distance(b) < 1e-5, "{up}: {a} {b}");
@@ -166,7 +167,8 @@ mod tests {
     #[test]
     fn it_flies_along_its_look_and_turns_with_the_pointer() {
         let mut eye = Eye::of_view(&view(), 12.0);
-        let (before, forward) = (eye.position, eye.forward());
+        let before = eye.position;
+        let forward = eye.forward();
         eye.fly(&Flight { forward: 1.0, ..Flight::default() }, 2.0);
         assert!(eye.position.distance(before + 2.0 * forward) < 1e-4, "a metre a second");
         eye.fly(&Flight { forward: -1.0, is_fast: true, ..Flight::default() }, 0.5);

@@ -28,10 +28,13 @@ impl Area {
 
 /// The largest area of the picture's shape in the middle of a window.
 pub fn fit(picture: (u32, u32), window: (u32, u32)) -> Area {
-    let (w, h) = (u64::from(picture.0.max(1)), u64::from(picture.1.max(1)));
-    let (across, down) = (u64::from(window.0), u64::from(window.1));
+    let w = u64::from(picture.0.max(1));
+    let h = u64::from(picture.1.max(1));
+    let across = u64::from(window.0);
+    let down = u64::from(window.1);
     let (width, height) = if across * h <= down * w { (across, across * h / w) } else { (down * w / h, down) };
-    let (left, top) = (((across - width) / 2) as i32, ((down - height) / 2) as i32);
+    let left = ((across - width) / 2) as i32;
+    let top = ((down - height) / 2) as i32;
     Area { min: (left, top), max: (left + width as i32, top + height as i32) }
 }
 
@@ -47,7 +50,8 @@ pub struct Part {
 /// The left part of one picture and the right part of another of the same size, cut at a share of the width.
 pub fn split(picture: (u32, u32), window: (u32, u32), at: f32) -> [Part; 2] {
     let whole = fit(picture, window);
-    let (width, height) = (picture.0 as i32, picture.1 as i32);
+    let width = picture.0 as i32;
+    let height = picture.1 as i32;
     let cut = ((at.clamp(0.0, 1.0) * width as f32).round() as i32).clamp(0, width);
     let shown = whole.min.0 + (i64::from(cut) * i64::from(whole.width()) / i64::from(width.max(1))) as i32;
     let part = |from: (i32, i32), to: (i32, i32)| Part {

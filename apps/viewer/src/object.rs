@@ -72,7 +72,8 @@ impl Object {
             let half = axis.length();
             let at = to.dot(axis) / half;
             let bounds = [at - self.radius, at + self.radius].map(|x| [x / near, x / (depth + self.radius)]);
-            let (low, high) = (bounds[0][0].min(bounds[0][1]), bounds[1][0].max(bounds[1][1]));
+            let low = bounds[0][0].min(bounds[0][1]);
+            let high = bounds[1][0].max(bounds[1][1]);
             let pixel = |x: f32| (0.5 + 0.5 * x / half) * pixels as f32;
             (pixel(low), pixel(high))
         };

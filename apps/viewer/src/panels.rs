@@ -149,7 +149,8 @@ fn lights(ui: &mut Ui, state: &mut State) {
     ui.horizontal(|ui| {
         for new in NewLight::ALL {
             if ui.button(format!("+ {}", new.name())).clicked() {
-                let (place, direction) = (state.place_ahead(), state.eye.forward());
+                let place = state.place_ahead();
+                let direction = state.eye.forward();
                 state.lighting.add(new, place, direction, 0.3 * state.distance);
                 state.selected = Some(state.lighting.lights.len() - 1);
             }

@@ -207,7 +207,9 @@ impl Script {
             Command::Wheel(steps) => {
                 events.push(Event::PointerMoved(window.middle()));
                 let delta = vec2(0.0, *steps);
-                let (unit, phase, modifiers) = (MouseWheelUnit::Line, TouchPhase::Move, Modifiers::NONE);
+                let unit = MouseWheelUnit::Line;
+                let phase = TouchPhase::Move;
+                let modifiers = Modifiers::NONE;
                 events.push(Event::MouseWheel { unit, delta, phase, modifiers });
                 return Ok(self.taken > 0);
             }
@@ -300,7 +302,8 @@ fn apply(command: &Command, state: &mut State) -> Result<(), String> {
             place_sun(state)?;
         }
         Command::AddLight(new) => {
-            let (place, direction) = (state.place_ahead(), state.eye.forward());
+            let place = state.place_ahead();
+            let direction = state.eye.forward();
             state.lighting.add(*new, place, direction, 0.3 * state.distance);
         }
         Command::Light { number, change } => change_light(state, *number, *change)?,

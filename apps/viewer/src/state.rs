@@ -230,7 +230,10 @@ impl State {
         let holds_it =
             matches!(self.methods.chosen().settings, MethodSettings::Multibounce(_) | MethodSettings::Local(_));
         holds_it.then(|| {
-            format!("all bounces of {name} are in its matrix, and the albedo with them: choose classic, feedback, temporal or firstshot")
+            format!(
+                "all bounces of {name} are in its matrix, and the albedo with them: choose classic, feedback, \
+                 temporal or firstshot"
+            )
         })
     }
 }

@@ -21,8 +21,7 @@ fn state() -> State {
     static BAKE: OnceLock<(assets::LoadedScene, Bake)> = OnceLock::new();
     let (loaded, bake) = BAKE.get_or_init(|| {
         let loaded = assets::load_or_build("cornell").unwrap();
-        let settings =
-            BakeSettings { patch_count: 60, receiver_density: 0.1, receiver_rays: 32, ..BakeSettings::default() };
+        let settings = BakeSettings::default().with_patch_count(60).with_receiver_density(0.1).with_receiver_rays(32);
         let bake = Bake::build(&loaded.scene, &settings, &Silent).unwrap();
         (loaded, bake)
     });

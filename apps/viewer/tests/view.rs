@@ -111,7 +111,7 @@ fn baked() -> (tempfile::TempDir, String) {
             scene_hash: loaded.content_hash,
             application: loaded.description().into_bytes(),
         },
-        bake: BakeSettings { patch_count: 150, ..BakeSettings::default() },
+        bake: BakeSettings::default().with_patch_count(150),
         methods: vec![MethodSettings::Multibounce(Codec::LowRank { epsilon: EPSILON })],
         build: Build::default(),
     };
@@ -272,7 +272,9 @@ fn keys_and_pointer_of_a_script_move_the_camera() {
          quit";
     show(&display, folder.path(), &bake, script, &[]);
     let shot = |name: &str| screenshot(&folder.path().join(name)).1;
-    let (before, ahead, turned) = (shot("before.png"), shot("ahead.png"), shot("turned.png"));
+    let before = shot("before.png");
+    let ahead = shot("ahead.png");
+    let turned = shot("turned.png");
     assert!(difference(&before, &ahead).1 > 1000, "W flies");
     assert!(difference(&ahead, &turned).1 > 1000, "a drag turns");
     assert_eq!(difference(&before, &shot("back.png")).1, 0, "Home leads back");

@@ -156,7 +156,8 @@ fn materials(
     let s = &scene.scene;
     let mut text = format!("# {name}, written by patchlight\n");
     for (material, label) in s.materials.iter().zip(material_names(scene)) {
-        let (kd, ke) = (material.albedo, material.radiance);
+        let kd = material.albedo;
+        let ke = material.radiance;
         let _ = write!(text, "\nnewmtl {label}\nKd {} {} {}\nKe {} {} {}\n", kd.x, kd.y, kd.z, ke.x, ke.y, ke.z);
         for (key, index) in [("map_Kd", material.albedo_texture), ("map_Ke", material.radiance_texture)] {
             if let Some(texture) = s.geometry.textures.get(index as usize).filter(|_| index != NONE) {
@@ -180,7 +181,8 @@ fn materials(
 }
 
 fn level_0<'a>(texture: &Texture, texels: &'a [u32]) -> impl Iterator<Item = glam::Vec4> + 'a {
-    let (first, count) = (texture.offset, texture.width * texture.height);
+    let first = texture.offset;
+    let count = texture.width * texture.height;
     (first..first + count).map(|k| texel(texels, k))
 }
 
@@ -207,9 +209,11 @@ fn mesh(scene: &LoadedScene, name: &str) -> String {
     let mut text = format!("# {name}, written by patchlight, metres\nmtllib {name}.mtl\n");
     let mut positions: HashMap<[u32; 3], usize> = HashMap::new();
     let mut uvs: HashMap<[u32; 2], usize> = HashMap::new();
-    let (mut object, mut material) = (NONE, NONE);
+    let mut object = NONE;
+    let mut material = NONE;
     for k in order {
-        let (t, uv) = (&s.geometry.triangles[k], &s.geometry.uvs[k]);
+        let t = &s.geometry.triangles[k];
+        let uv = &s.geometry.uvs[k];
         let mut face = String::from("f");
         for (p, uv) in corners(t).into_iter().zip([uv.corner, uv.corner_a, uv.corner_b]) {
             let v = number(&mut positions, p.to_array().map(f32::to_bits), || {

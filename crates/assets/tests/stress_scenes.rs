@@ -161,7 +161,9 @@ fn blinds_have_the_slats_that_were_asked_for() {
         let place = |k: u32| Vec3::new(0.05 + 2.5 * unit(hash3(k, 0, 1)), 0.001, 1.0 + 2.0 * unit(hash3(k, 1, 1)));
         (0..4000).filter(|k| !loaded.scene.occluded(place(*k), to_sun, 100.0)).count()
     };
-    let (none, some, all) = (sunlit("blinds:tilt=-60"), sunlit("blinds"), sunlit("blinds:slats=0"));
+    let none = sunlit("blinds:tilt=-60");
+    let some = sunlit("blinds");
+    let all = sunlit("blinds:slats=0");
     assert!(none < some / 4 && 4 * some < 3 * all && some > all / 8, "{none} {some} {all}");
 }
 
@@ -193,7 +195,9 @@ fn chairs_have_legs_as_thin_as_asked() {
 fn the_corridor_turns_twice_between_lamp_and_camera() {
     let loaded = build("corridor");
     let lamp = loaded.scene.lighting.lights[0];
-    let (length, width, middle) = (3.0, 1.8, 1.4);
+    let length = 3.0;
+    let width = 1.8;
+    let middle = 1.4;
     let random = |k: u32, seed: u32| [0, 1, 2].map(|axis| unit(hash3(k, axis, seed)));
     let sees = |a: Vec3, b: Vec3| {
         let to = b - a;
@@ -218,7 +222,8 @@ fn the_corridor_turns_twice_between_lamp_and_camera() {
 fn any_scene_can_have_a_ground_plane() {
     for spec in ["cornell", "atrium", "city:150000", "office", "sealed-box", "furnace", "rooms", "stripes", "corridor"]
     {
-        let (without, name) = (build(spec), spec.split(':').next().unwrap_or_default());
+        let without = build(spec);
+        let name = spec.split(':').next().unwrap_or_default();
         let with = build(&match spec.split_once(':') {
             Some((name, count)) => format!("{name}:{count},ground=1000"),
             None => format!("{name}:ground=1000"),

@@ -19,7 +19,9 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
                 Vec3::from(p)
             };
             for [a, b, c] in [[(-1., -1.), (1., -1.), (-1., 1.)], [(1., 1.), (-1., 1.), (1., -1.)]] {
-                let (a, b, c) = (turned(a.0, a.1), turned(b.0, b.1), turned(c.0, c.1));
+                let a = turned(a.0, a.1);
+                let b = turned(b.0, b.1);
+                let c = turned(c.0, c.1);
                 triangles.push(Triangle { corner: a, edge_a: b - a, edge_b: c - a, ..Triangle::default() });
             }
         }

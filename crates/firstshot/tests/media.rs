@@ -19,7 +19,9 @@ fn exp(x: f32) -> f32 {
 
 #[test]
 fn a_sphere_filled_with_a_medium_has_its_closed_form() {
-    let (radius, albedo, absorption) = (2.0f32, 0.7, Vec3::new(0.0, 0.3, 0.8));
+    let radius = 2.0f32;
+    let albedo = 0.7;
+    let absorption = Vec3::new(0.0, 0.3, 0.8);
     let shining = Material { radiance: Vec3::splat(1.0 / PI), ..grey(albedo) };
     let sphere = scene(sphere(radius, 16), vec![shining], Vec::new());
     let mean = |absorption: Vec3| {
@@ -45,7 +47,8 @@ fn a_sphere_filled_with_a_medium_has_its_closed_form() {
 
 #[test]
 fn a_lamp_in_a_medium_lights_a_plate_by_its_closed_form() {
-    let (height, absorption) = (1.0f32, Vec3::new(0.0, 0.4, 2.0));
+    let height = 1.0f32;
+    let absorption = Vec3::new(0.0, 0.4, 2.0);
     let open = plate(0.5, vec![bulb(Vec3::Y * height)]);
     let scene = filled(&open, absorption);
     // The integral of I cosθ/d² e^(−σd) over the plate, in small squares.

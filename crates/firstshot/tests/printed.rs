@@ -15,7 +15,9 @@ use support::*;
 /// Light elements after one split of a triangle as Kopylov prints it, B and C at ±1 m of the corner A's height `apex`
 /// above BC, with a lamp 0.05 m over the share `along` of the way from A to the middle of BC.
 fn split_once(apex: f32, along: f32) -> (Scene, Vec<LightElement>) {
-    let (a, b, c) = (Vec3::Z * -apex, Vec3::new(-1.0, 0.0, 0.0), Vec3::X);
+    let a = Vec3::Z * -apex;
+    let b = Vec3::new(-1.0, 0.0, 0.0);
+    let c = Vec3::X;
     let triangle = Triangle { corner: a, edge_a: b - a, edge_b: c - a, ..Triangle::default() };
     let lamp = bulb(Vec3::new(0.0, 0.05, -apex * (1.0 - along)));
     let scene = scene(vec![triangle], vec![grey(0.5)], vec![lamp]);
@@ -84,7 +86,8 @@ fn the_printed_subdivision_has_the_light_of_a_lamp_and_leaves_even_light_whole()
 
 #[test]
 fn light_at_corners_is_that_of_the_lamp() {
-    let (height, lamp) = (0.5, Vec3::new(0.3, 0.5, 0.2));
+    let height = 0.5;
+    let lamp = Vec3::new(0.3, 0.5, 0.2);
     let scene = plate(0.5, vec![bulb(lamp)]);
     let found = corner_light(&scene);
     assert_eq!((found.irradiance.len(), found.shadow_rays), (2, 6));
@@ -104,7 +107,8 @@ fn cardanos_formula_starts_photons_where_newtons_method_does() {
     let emission = first_shot(&scene);
     let maps = IlluminationMaps::new(&scene, 0.25).unwrap();
     let of = |cubic| trace(&scene, &emission, &maps, PhotonSettings { cubic, batches: 16, ..photons(1 << 18) });
-    let (newton, cardano) = (of(Cubic::Newton), of(Cubic::Cardano));
+    let newton = of(Cubic::Newton);
+    let cardano = of(Cubic::Cardano);
     assert!(newton.irradiance != cardano.irradiance, "another formula, other roundings");
     // The same photons but for starts on the edge of a shadow: far nearer than independent ones.
     let (sigma, all) = deviation(&maps, &cardano, &newton);
@@ -139,8 +143,10 @@ fn all_that_is_printed_finds_the_light_with_about_as_many_photons() {
         tracer.run(&|_| ControlFlow::Continue(()));
         let found = tracer.estimate();
         let all = deviation(&maps, &found, &truth).1;
-        let (photons, registered) = (found.round.photons, found.round.registered);
-        let (count, rays) = (emission.elements.len(), emission.shadow_rays);
+        let photons = found.round.photons;
+        let registered = found.round.registered;
+        let count = emission.elements.len();
+        let rays = emission.shadow_rays;
         println!(
             "{name}: {count} elements, {rays} shadow rays, {photons} photons, {registered} hits, light {all:.4} off"
         );

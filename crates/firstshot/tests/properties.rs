@@ -68,7 +68,8 @@ fn nothing_comes_out_of_a_sealed_box() {
     let scene = scene(triangles, vec![grey(0.8)], vec![lights()[2]]);
     let maps = IlluminationMaps::new(&scene, 0.5).unwrap();
     let found = trace(&scene, &first_shot(&scene), &maps, photons(1 << 18));
-    let (mut inside, mut outside) = (0.0f32, 0.0f32);
+    let mut inside = 0.0f32;
+    let mut outside = 0.0f32;
     for t in 0..scene.geometry.triangles.len() as u32 {
         let is_box = scene.tables().position(t, 0.3, 0.3).y > -0.4;
         for (cell, _) in maps.cells(t, false).filter(|_| is_box) {
@@ -117,7 +118,8 @@ fn a_run_in_parts_is_the_run_in_one() {
     }
     assert!(rounds > 3, "{rounds}");
     // The order of photons is another one, the sums are the same in every bit, colours and errors included.
-    let (whole, parts) = (whole.estimate(), parts.estimate());
+    let whole = whole.estimate();
+    let parts = parts.estimate();
     assert_eq!(whole.irradiance, parts.irradiance);
     assert_eq!((whole.error, whole.round, whole.emitted), (parts.error, parts.round, parts.emitted));
     let other = trace(&scene, &emission, &maps, photons((1 << 16) - 8));
@@ -133,7 +135,8 @@ fn sums_are_those_of_the_hits_one_by_one() {
     let p = tracer.params(1 << 9);
     let found = trace(&scene, &emission, &maps, photons(1 << 12));
     let mut cells = vec![glam::DVec3::ZERO; maps.len()];
-    let (mut segments, mut registered) = (0, 0);
+    let mut segments = 0;
+    let mut registered = 0;
     for hit in all_hits(&scene, &emission, &p) {
         segments += 1;
         if hit.triangle != scene::NONE && hit.info & patchlight_firstshot::HIT_INDIRECT != 0 {
@@ -166,7 +169,8 @@ fn it_stops_at_the_error_and_the_error_is_true() {
         assert!(tracer.run(&|_| ControlFlow::Continue(())));
         let found = tracer.estimate();
         assert!(found.round.error <= 0.05 && found.round.error > 0.035, "{:?}", found.round);
-        let (mut wrong, mut light) = (0.0, 0.0);
+        let mut wrong = 0.0;
+        let mut light = 0.0;
         for (k, area) in maps.areas().iter().enumerate() {
             let of = |e: &patchlight_firstshot::Estimate| scene::math::luminance(e.irradiance[k]);
             wrong += area * (of(&found) - of(&truth)).powi(2);

@@ -35,8 +35,11 @@ fn the_cubic_is_inverted_to_single_precision_for_every_share() {
 fn the_printed_cubic_has_the_same_root() {
     for k in 0..2000 {
         let r = |d: u32| f64::from(unit(hash3(k, d, 3)));
-        let (a, b, c) = (r(0), r(1), r(2));
-        let (s, alpha) = (a + b + c, r(3));
+        let a = r(0);
+        let b = r(1);
+        let c = r(2);
+        let s = a + b + c;
+        let alpha = r(3);
         let u = 1.0 - f64::from(invert_first((b / s) as f32, (1.0 - alpha) as f32));
         let cubic = u.powi(3) * (s - 3.0 * b) - 3.0 * u * u * (s - 2.0 * b) + 3.0 * u * (s - b) - alpha * s;
         assert!(cubic.abs() < 2e-6 * s, "{a} {b} {c} {alpha}: {cubic}");
@@ -49,7 +52,8 @@ fn worst_of_cardano(formula: impl Fn(f32, f32) -> f32) -> (f32, f64) {
     let third = 1.0f32 / 3.0;
     let shares = (0..=1000).map(|k| k as f32 / 1000.0);
     let near = (1..30).flat_map(|k| [third - 0.6f32.powi(k), third + 0.6f32.powi(k)]);
-    let (mut root, mut density) = (0.0f32, 0.0f64);
+    let mut root = 0.0f32;
+    let mut density = 0.0f64;
     for b in shares.chain(near).filter(|b| (0.0..=1.0).contains(b)) {
         for alpha in (0..=512).map(|k| k as f32 / 512.0) {
             let u = formula(b, alpha);
@@ -82,10 +86,13 @@ fn sections_are_inverted() {
     for k in 0..=50 {
         for j in 0..=50 {
             for n in 0..=100 {
-                let (a, b, gamma) = (k as f32 / 50.0, j as f32 / 50.0, n as f32 / 100.0);
+                let a = k as f32 / 50.0;
+                let b = j as f32 / 50.0;
+                let gamma = n as f32 / 100.0;
                 let s = f64::from(invert_section(a, b, gamma));
                 assert!((0.0..=1.0).contains(&s));
-                let (a, b) = (f64::from(a), f64::from(b));
+                let a = f64::from(a);
+                let b = f64::from(b);
                 let found = a * s + 0.5 * (b - a) * s * s;
                 assert!((found - f64::from(gamma) * 0.5 * (a + b)).abs() < 1e-6, "{a} {b} {gamma}: {s}");
             }
@@ -98,7 +105,9 @@ fn cells() -> Vec<[Vec2; 3]> {
     let mut cells = vec![[Vec2::ZERO, Vec2::X, Vec2::Y]];
     for _ in 0..2 {
         let four = |[a, b, c]: [Vec2; 3]| {
-            let (p, q, r) = ((a + b) * 0.5, (b + c) * 0.5, (c + a) * 0.5);
+            let p = (a + b) * 0.5;
+            let q = (b + c) * 0.5;
+            let r = (c + a) * 0.5;
             [[a, p, r], [p, b, q], [r, q, c], [p, q, r]]
         };
         cells = cells.into_iter().flat_map(four).collect();
@@ -118,7 +127,8 @@ fn cell_of(cells: &[[Vec2; 3]], at: Vec2) -> usize {
 fn chi_squared(sample: impl Fn(Vec3, f32, f32) -> Vec2) -> (f64, f64) {
     let cells = cells();
     let count = 2000u32;
-    let (mut sum, mut greatest) = (0.0f64, 0.0f64);
+    let mut sum = 0.0f64;
+    let mut greatest = 0.0f64;
     for triangle in 0..1000u32 {
         let mut values = Vec3::from([0u32, 1, 2].map(|d| unit(hash3(triangle, d, 1))));
         // Zeros in one or two corners, three equal, values of very different size.
@@ -134,7 +144,8 @@ fn chi_squared(sample: impl Fn(Vec3, f32, f32) -> Vec2) -> (f64, f64) {
         }
         let mut found = vec![0u32; cells.len()];
         for k in 0..count {
-            let (x, y) = (unit(hash3(k, 2 * triangle, 7)), unit(hash3(k, 2 * triangle + 1, 7)));
+            let x = unit(hash3(k, 2 * triangle, 7));
+            let y = unit(hash3(k, 2 * triangle + 1, 7));
             let at = sample(values, x, y);
             assert!(at.x >= 0.0 && at.y >= 0.0 && at.x + at.y <= 1.0 + 1e-6 && at.is_finite(), "{values} {at}");
             found[cell_of(&cells, at)] += 1;

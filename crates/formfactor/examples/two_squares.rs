@@ -17,7 +17,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         half(Vec3::Z, Vec3::Y, Vec3::X),
         half(Vec3::Z + far, Vec3::NEG_Y, Vec3::NEG_X),
     ];
-    let (uvs, materials) = (vec![TriangleUv::default(); 4], vec![Material::default()]);
+    let uvs = vec![TriangleUv::default(); 4];
+    let materials = vec![Material::default()];
     let scene = Scene::new(SceneParts { triangles, uvs, materials, ..SceneParts::default() })?;
 
     let settings = SubdivideSettings { size: PatchSize::Area(0.5), sides: SidePolicy::Front, ..Default::default() };

@@ -49,7 +49,8 @@ fn spread(polygon: &Polygon, count: u32, seed: u32) -> Vec<SurfacePoint> {
     (0..count)
         .map(|k| {
             let word = |step: u32, shift: u32| scene::sampling::unit(k.wrapping_mul(step).wrapping_add(shift));
-            let (mut x, y) = (word(0xc13f_a9a9, shift.0), word(0x91e1_0da6, shift.1));
+            let mut x = word(0xc13f_a9a9, shift.0);
+            let y = word(0x91e1_0da6, shift.1);
             let triangles: Vec<_> =
                 (2..corners.len()).map(|c| (corners[c - 1] - corners[0], corners[c] - corners[0])).collect();
             let areas: Vec<f32> =
@@ -160,8 +161,10 @@ fn rectangle(corner: Vec3, a: Vec3, b: Vec3) -> Vec<Vec3> {
 
 /// Howell C-11: identical parallel rectangles a × b at distance c.
 fn parallel_rectangles(a: f64, b: f64, c: f64) -> f64 {
-    let (x, y) = (a / c, b / c);
-    let (x1, y1) = ((1.0 + x * x).sqrt(), (1.0 + y * y).sqrt());
+    let x = a / c;
+    let y = b / c;
+    let x1 = (1.0 + x * x).sqrt();
+    let y1 = (1.0 + y * y).sqrt();
     2.0 / (PI * x * y)
         * ((x1 * x1 * y1 * y1 / (1.0 + x * x + y * y)).sqrt().ln()
             + x * y1 * (x / y1).atan()
@@ -172,8 +175,10 @@ fn parallel_rectangles(a: f64, b: f64, c: f64) -> f64 {
 
 /// Howell C-14: from width w to height h, common edge l, at a right angle.
 fn perpendicular_rectangles(w: f64, h: f64, l: f64) -> f64 {
-    let (h, w) = (h / l, w / l);
-    let (h2, w2) = (h * h, w * w);
+    let h = h / l;
+    let w = w / l;
+    let h2 = h * h;
+    let w2 = w * w;
     let s = (h2 + w2).sqrt();
     let logs = ((1.0 + w2) * (1.0 + h2) / (1.0 + w2 + h2)).ln()
         + w2 * (w2 * (1.0 + w2 + h2) / ((1.0 + w2) * (w2 + h2))).ln()
@@ -183,15 +188,18 @@ fn perpendicular_rectangles(w: f64, h: f64, l: f64) -> f64 {
 
 /// Howell B-3: point below the corner of a parallel rectangle a × b at distance c.
 fn point_parallel(a: f64, b: f64, c: f64) -> f64 {
-    let (x, y) = (a / c, b / c);
-    let (x1, y1) = ((1.0 + x * x).sqrt(), (1.0 + y * y).sqrt());
+    let x = a / c;
+    let y = b / c;
+    let x1 = (1.0 + x * x).sqrt();
+    let y1 = (1.0 + y * y).sqrt();
     (x / x1 * (y / x1).atan() + y / y1 * (x / y1).atan()) / (2.0 * PI)
 }
 
 /// Howell B-4: point in the plane at a right angle to a rectangle of height a and width b, at distance c from its
 /// corner.
 fn point_perpendicular(a: f64, b: f64, c: f64) -> f64 {
-    let (x, y) = (a / b, c / b);
+    let x = a / b;
+    let y = c / b;
     let s = (x * x + y * y).sqrt();
     ((1.0 / y).atan() - y / s * (1.0 / s).atan()) / (2.0 * PI)
 }
@@ -249,8 +257,11 @@ fn built_in() -> Vec<Case> {
         cases.push(case(&name, up(0.0), disc(r, h, true), r * r / (r * r + h * h)));
     }
     // Howell C-41: coaxial discs; one sector stands for the whole disc.
-    let (r1, r2, h) = (1.0f64, 0.8f64, 0.6f64);
-    let (x, y) = (r1 / h, r2 / h);
+    let r1 = 1.0f64;
+    let r2 = 0.8f64;
+    let h = 0.6f64;
+    let x = r1 / h;
+    let y = r2 / h;
     let s = 1.0 + (1.0 + y * y) / (x * x);
     let expected = 0.5 * (s - (s * s - 4.0 * (y / x) * (y / x)).sqrt());
     cases.push(case("coaxial discs", From::Patch(disc(r1, 0.0, false).remove(0)), disc(r2, h, true), expected));
@@ -273,7 +284,8 @@ fn built_in_closed_forms() {
 
 /// Fields of a line of CSV with quotes.
 fn fields(line: &str) -> Vec<String> {
-    let (mut out, mut quoted) = (vec![String::new()], false);
+    let mut out = vec![String::new()];
+    let mut quoted = false;
     for c in line.chars() {
         match c {
             '"' => quoted = !quoted,

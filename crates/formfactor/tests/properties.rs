@@ -19,11 +19,15 @@ fn room(scale: f32, rotation: Quat, lid: bool) -> Scene {
     let place = |p: Vec3| rotation * ((p - 0.5 * size) * scale);
     let mut triangles = Vec::new();
     let mut quad = |p: Vec3, a: Vec3, b: Vec3| {
-        let (o, a1, b1) = (place(p), place(p + a) - place(p), place(p + b) - place(p));
+        let o = place(p);
+        let a1 = place(p + a) - place(p);
+        let b1 = place(p + b) - place(p);
         triangles.push(Triangle { corner: o, edge_a: a1, edge_b: b1, ..Triangle::default() });
         triangles.push(Triangle { corner: o + a1 + b1, edge_a: -a1, edge_b: -b1, ..Triangle::default() });
     };
-    let (x, y, z) = (Vec3::X * size.x, Vec3::Y * size.y, Vec3::Z * size.z);
+    let x = Vec3::X * size.x;
+    let y = Vec3::Y * size.y;
+    let z = Vec3::Z * size.z;
     quad(Vec3::ZERO, x, y);
     quad(Vec3::ZERO, y, z);
     quad(Vec3::ZERO, z, x);
@@ -83,7 +87,8 @@ fn balance_gives_reciprocity_and_closure() {
 fn white_furnace() {
     let s = factors(&room(1.0, Quat::IDENTITY, true), 300, 1024);
     let n = s.area.len();
-    let (emission, albedo) = (Vec4::new(1.0, 2.0, 3.0, 0.0), Vec4::new(0.2, 0.5, 0.9, 0.0));
+    let emission = Vec4::new(1.0, 2.0, 3.0, 0.0);
+    let albedo = Vec4::new(0.2, 0.5, 0.9, 0.0);
     let check = |rho: Vec4| {
         let light = jacobi(&s.rows.factors, &vec![emission; n], &vec![rho; n], Stop::Tolerance(1e-7)).unwrap();
         (0..n).flat_map(|i| (0..3).map(move |c| (i, c))).all(|(i, c)| {
@@ -103,7 +108,8 @@ fn energy_is_absorbed_or_escapes() {
     let source: Vec<Vec4> = (0..n).map(|i| if i % 9 == 0 { Vec4::ONE } else { Vec4::ZERO }).collect();
     let light = jacobi(&s.rows.factors, &source, &albedo, Stop::Tolerance(1e-7)).unwrap();
     let spent = |sky: &[f32]| {
-        let (mut emitted, mut spent) = (0.0f64, 0.0f64);
+        let mut emitted = 0.0f64;
+        let mut spent = 0.0f64;
         for i in 0..n {
             let a = f64::from(s.area[i]);
             emitted += a * f64::from(source[i].x);
@@ -145,7 +151,8 @@ fn solvers_agree() {
     assert!(difference(&jacobi(f, &source, &albedo, Stop::Bounces(2)).unwrap()) > 1e-3, "two bounces are not all");
     // K bounces are K products.
     let two = jacobi(f, &source, &albedo, Stop::Bounces(2)).unwrap();
-    let (mut h, mut b) = (vec![Vec4::ZERO; n], source.clone());
+    let mut h = vec![Vec4::ZERO; n];
+    let mut b = source.clone();
     for _ in 0..2 {
         f.apply(&b, &mut h).unwrap();
         b = (0..n).map(|i| source[i] + albedo[i] * h[i]).collect();
@@ -195,7 +202,8 @@ fn points_by_hand() {
         let height = if blocked { 1.0 } else { 3.0 };
         let corner = Vec3::new(-1.0, height, -1.0);
         let triangle = Triangle { corner, edge_a: Vec3::X * 9.0, edge_b: Vec3::Z * 9.0, ..Triangle::default() };
-        let (triangles, uvs) = (vec![triangle], vec![TriangleUv::default()]);
+        let triangles = vec![triangle];
+        let uvs = vec![TriangleUv::default()];
         Scene::new(SceneParts { triangles, uvs, materials: vec![Material::default()], ..<_>::default() }).unwrap()
     };
     let factor = |blocked: bool| {

@@ -16,7 +16,9 @@ fn open_box() -> Scene {
         let half = |corner: Vec3, a: Vec3, b: Vec3| Triangle { corner, edge_a: a, edge_b: b, ..Triangle::default() };
         [half(corner, a, b), half(corner + a + b, -a, -b)]
     };
-    let (x, y, z) = (Vec3::X, Vec3::Y, Vec3::Z);
+    let x = Vec3::X;
+    let y = Vec3::Y;
+    let z = Vec3::Z;
     let walls = [(Vec3::ZERO, z, x), (Vec3::ZERO, x, y), (Vec3::ZERO, y, z), (z, y, x), (x, z, y)];
     let triangles: Vec<Triangle> = walls.into_iter().flat_map(|(c, a, b)| wall(c, a, b)).collect();
     let uvs = vec![TriangleUv::default(); triangles.len()];
@@ -85,7 +87,8 @@ fn rows_traced_by_somebody_else_are_the_same() {
     let subdivision = cut(&scene);
     let (points, offsets) = receivers(130);
     let surfaces = subdivision.surfaces_to(&scene, &[], &points, &offsets);
-    let (rays, count) = (96, subdivision.patches.len() as u32);
+    let rays = 96;
+    let count = subdivision.patches.len() as u32;
     let params = HemisphereParams { rays, seed: surfaces.seed, ray_offset: surfaces.ray_offset, ..Default::default() };
     let column = |row: usize, k: u32| {
         let (origin, direction) = hemisphere_ray(&params, &offsets, &points, row as u32, k);
@@ -169,7 +172,9 @@ fn quadrants_add_up_and_rotate_with_the_normal() {
             })
             .sum()
     };
-    let (right, none, wrong) = (error(1.0), error(0.0), error(-1.0));
+    let right = error(1.0);
+    let none = error(0.0);
+    let wrong = error(-1.0);
     println!("rotated {right}, not rotated {none}, rotated the wrong way {wrong}");
     assert!(right < 0.5 * none && wrong > 1.5 * none, "{right} {none} {wrong}");
 }
@@ -206,9 +211,12 @@ fn means_of_rows_and_sums_of_columns_are_those_of_dense_rows() {
     let columns: Vec<u32> = (0..7 * RAYS).map(|k| hash3(k, 0, 1) % 5).collect();
     let mut rows = HitCounts::new(5).unwrap();
     rows.push(&columns, &[1.0 / RAYS as f32; 7]).unwrap();
-    let (groups, weights, owner) = ([0, 1, 4, 4, 7], [1.0, 0.25, 0.5, 0.25, 0.1, 0.2, 0.7], [2, 0, 0, 2, 1]);
+    let groups = [0, 1, 4, 4, 7];
+    let weights = [1.0, 0.25, 0.5, 0.25, 0.1, 0.2, 0.7];
+    let owner = [2, 0, 0, 2, 1];
     let mean = rows.means(&groups, &weights, &owner, 3).unwrap();
-    let (dense, found) = (rows.to_csr().unwrap().to_dense(), mean.to_dense());
+    let dense = rows.to_csr().unwrap().to_dense();
+    let found = mean.to_dense();
     for (g, range) in groups.windows(2).enumerate() {
         let mut expected = [0.0; 3];
         let own = range[0] as usize..range[1] as usize;

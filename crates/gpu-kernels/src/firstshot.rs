@@ -35,7 +35,8 @@ kernels! {
         };
         let group = |cell: u32| groups[cell as usize];
         let mut photon = start::start_photon(&geometry, &sources, p, alias, elements, k, stopped);
-        let (mut segments, mut registered) = (0, 0);
+        let mut segments = 0;
+        let mut registered = 0;
         while segment::is_under_way(&photon) {
             let met = bvh::closest_hit(&geometry, photon.origin, photon.direction, bvh::FAR);
             let hit = segment::photon_hit(&geometry, p, k, &photon, met);

@@ -6,7 +6,8 @@ use glam::{UVec2, Vec4};
 #[cfg(target_arch = "spirv")]
 #[inline]
 pub fn unpack_half4(words: UVec2) -> Vec4 {
-    let (low, high) = (spirv_std::float::f16x2_to_vec2(words.x), spirv_std::float::f16x2_to_vec2(words.y));
+    let low = spirv_std::float::f16x2_to_vec2(words.x);
+    let high = spirv_std::float::f16x2_to_vec2(words.y);
     Vec4::new(low.x, low.y, high.x, high.y)
 }
 

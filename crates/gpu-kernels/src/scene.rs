@@ -68,7 +68,8 @@ kernels! {
         let stopped = |origin: Vec3, direction: Vec3, t_max: f32| {
             bvh::any_hit(&geometry, origin, direction, t_max)
         };
-        let (direct, medium) = (p.direct, Absorbing(p.absorption));
+        let direct = p.direct;
+        let medium = Absorbing(p.absorption);
         let at = direct.first + k;
         light::direct_irradiance(&geometry, &direct, at, points[k as usize], &lights, medium, stopped).extend(0.0)
     }
@@ -195,7 +196,8 @@ kernels! {
         points: write [SurfacePoint],
         albedo: write [Rgb],
     } each {
-        let (hit, chain) = (hits[k as usize], chains[k as usize]);
+        let hit = hits[k as usize];
+        let chain = chains[k as usize];
         let point = camera::surface_point(&geometry, hit, chain.direction);
         (point, specular::chain_albedo(&geometry, hit, chain))
     }
@@ -241,7 +243,8 @@ kernels! {
         let stopped = |origin: Vec3, direction: Vec3, t_max: f32| {
             bvh::any_hit(&geometry, origin, direction, t_max)
         };
-        let (direct, medium) = (p.direct, Absorbing(p.absorption));
+        let direct = p.direct;
+        let medium = Absorbing(p.absorption);
         let i = k as usize;
         let at = direct.first + k;
         large::sharp_irradiance(&direct, at, points[i], &lights, from_sky[i], medium, stopped).extend(0.0)
@@ -297,7 +300,8 @@ kernels! {
         let stopped = |origin: Vec3, direction: Vec3, t_max: f32| {
             bvh::any_hit(&geometry, origin, direction, t_max)
         };
-        let (large, medium) = (p.large, Absorbing(p.absorption));
+        let large = p.large;
+        let medium = Absorbing(p.absorption);
         let i = k as usize;
         let at = large.first + k;
         let sums = (seen_before, sampled_before);

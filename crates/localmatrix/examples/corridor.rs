@@ -20,9 +20,11 @@ fn main() -> Result<(), patchlight_localmatrix::Error> {
     };
     let mut matrix = LocalMatrix::new(SLOTS)?;
     let path = (0..200).chain((0..200).rev()).map(|step| step as f32 * 2.0);
-    let (mut steps, mut moved) = (0u64, 0);
+    let mut steps = 0u64;
+    let mut moved = 0;
     for x in path {
-        let (eye, predicted) = (Vec3::X * x, Vec3::X * (x + 5.0));
+        let eye = Vec3::X * x;
+        let predicted = Vec3::X * (x + 5.0);
         let far = |i: u32| distance_to_path(Vec3::X * i as f32, eye, predicted);
         let distance: Vec<f32> = (0..PATCHES).map(far).collect();
         let choice = choose(&distance, |i| matrix.slot(i).is_some(), SLOTS - 16, 0.1, 16);

@@ -78,7 +78,8 @@ pub fn compact(place: u32, slots: u32, starts: &[u32], values: &[Vec4]) -> u32 {
     let is_in = place < length;
     let rank = if is_in { place } else { place - length };
     // The last block that begins at this rank or before; slots that are left out follow those that are in.
-    let (mut low, mut high) = (0, blocks);
+    let mut low = 0;
+    let mut high = blocks;
     while high - low > 1 {
         let middle = low + (high - low) / 2;
         let begins = if is_in { starts[middle as usize] } else { middle * BLOCK - starts[middle as usize] };
@@ -89,7 +90,8 @@ pub fn compact(place: u32, slots: u32, starts: &[u32], values: &[Vec4]) -> u32 {
         }
     }
     let begins = if is_in { starts[low as usize] } else { low * BLOCK - starts[low as usize] };
-    let (mut left, mut slot) = (rank - begins, low * BLOCK);
+    let mut left = rank - begins;
+    let mut slot = low * BLOCK;
     let end = slots.min(slot + BLOCK);
     while slot < end {
         if is_some(values[slot as usize]) == is_in {
@@ -118,7 +120,8 @@ pub fn update(
     new_column: &[u32],
     old: Vec4,
 ) -> Vec4 {
-    let (row, column) = (invocation / (p.slots / 4), 4 * (invocation % (p.slots / 4)));
+    let row = invocation / (p.slots / 4);
+    let column = 4 * (invocation % (p.slots / 4));
     let own = new_column[row as usize];
     if own != KEPT {
         let at = (p.first_column + own * p.slots + column) as usize;
@@ -127,7 +130,8 @@ pub fn update(
     let mut sum = Vec4::ZERO;
     for k in 0..p.rank {
         let first = p.first_vector + k * p.slots;
-        let (r, c) = (vectors[(first + row) as usize], (first + column) as usize);
+        let r = vectors[(first + row) as usize];
+        let c = (first + column) as usize;
         sum += Vec4::new(vectors[c], vectors[c + 1], vectors[c + 2], vectors[c + 3]) * r;
     }
     let new = old + sum * p.sign;
@@ -158,7 +162,8 @@ pub fn spread(slot: u32, irradiance: &[Vec4]) -> Vec4 {
 /// Shapes: `area[leaves]`, m²; `exitance[leaves]`, W/m². Needs `end ≤ leaves`.
 #[inline]
 pub fn mean(first: u32, end: u32, area: &[f32], exitance: &[Vec4]) -> Vec4 {
-    let (mut sum, mut whole) = (Vec3::ZERO, 0.0);
+    let mut sum = Vec3::ZERO;
+    let mut whole = 0.0;
     for k in first..end {
         sum += exitance[k as usize].truncate() * area[k as usize];
         whole += area[k as usize];
@@ -221,8 +226,10 @@ const NEARLY_DISPLAY_WHITE: f32 = 0.998;
 /// seen to change.
 #[inline]
 pub fn share_left(shown: f32, now: f32, p: &FadeParams) -> f32 {
-    let (from, to) = (shown / p.display_white, now / p.display_white);
-    let (a, b) = (sqrt_to_display_white(from), sqrt_to_display_white(to));
+    let from = shown / p.display_white;
+    let to = now / p.display_white;
+    let a = sqrt_to_display_white(from);
+    let b = sqrt_to_display_white(to);
     let difference = if a > b { a - b } else { b - a };
     if difference <= PACE || (a > NEARLY_DISPLAY_WHITE && b > NEARLY_DISPLAY_WHITE) {
         return p.keep;

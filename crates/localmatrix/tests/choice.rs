@@ -34,7 +34,8 @@ fn a_camera_that_trembles_moves_nothing() {
 
 #[test]
 fn what_the_camera_comes_to_is_near() {
-    let (eye, predicted) = (Vec3::ZERO, Vec3::X * 10.0);
+    let eye = Vec3::ZERO;
+    let predicted = Vec3::X * 10.0;
     assert_eq!(distance_to_path(Vec3::new(4.0, 3.0, 0.0), eye, predicted), 3.0);
     assert_eq!(distance_to_path(Vec3::new(13.0, 4.0, 0.0), eye, predicted), 5.0);
     assert_eq!(distance_to_path(Vec3::new(-3.0, 4.0, 0.0), eye, predicted), 5.0);

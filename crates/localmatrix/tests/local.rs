@@ -83,7 +83,8 @@ impl Line {
             // (I − F diag(ρ)) T = F: the same operator.
             let system = (0..n).map(|a| (0..n).map(|b| f64::from(u8::from(a == b)) - f[a][b] * rho(b)).collect());
             let exact = solve(system.collect(), f.clone());
-            let (mut off, mut norm) = (0.0, 0.0);
+            let mut off = 0.0;
+            let mut norm = 0.0;
             for (a, row) in exact.iter().enumerate() {
                 for (b, exact) in row.iter().enumerate() {
                     let slot = |k: usize| local.matrix().slot(cut[k]).map(|slot| slot as usize);
@@ -114,7 +115,8 @@ fn solve(mut a: Vec<Vec<f64>>, mut b: Vec<Vec<f64>>) -> Vec<Vec<f64>> {
         for i in 0..n {
             if i != k && a[i][k] != 0.0 {
                 let factor = a[i][k] / a[k][k];
-                let (row_a, row_b) = (a[k].clone(), b[k].clone());
+                let row_a = a[k].clone();
+                let row_b = b[k].clone();
                 a[i].iter_mut().zip(row_a).for_each(|(x, y)| *x -= factor * y);
                 b[i].iter_mut().zip(row_b).for_each(|(x, y)| *x -= factor * y);
             }
@@ -160,7 +162,11 @@ fn ten_thousand_changes_on_a_random_walk_leave_the_fresh_solve() {
     let mut table = line.table();
     let mut walk = || {
         let mut local = settled(&mut table, settings(64), 50.0);
-        let (mut x, mut goal, mut changes, mut step, mut worst) = (50.0f32, 10.0f32, 0, 0, 0.0f32);
+        let mut x = 50.0f32;
+        let mut goal = 10.0f32;
+        let mut changes = 0;
+        let mut step = 0;
+        let mut worst = 0.0f32;
         while changes < 10_000 {
             if (x - goal).abs() < 1.0 {
                 goal = 100.0 * random(step, 0, 8);
@@ -240,8 +246,11 @@ fn to_and_fro_changes_no_energy() {
         local.product(&e, &mut h, |_| true).unwrap();
         h.iter().zip(local.leaf_area()).map(|(h, a)| f64::from(h.truncate().element_sum() * a)).sum()
     };
-    let (before, cut) = (energy(&local), local.cut().to_vec());
-    let (mut changes, mut times, mut differ) = (0, 0, 0.0f64);
+    let before = energy(&local);
+    let cut = local.cut().to_vec();
+    let mut changes = 0;
+    let mut times = 0;
+    let mut differ = 0.0f64;
     while changes < 10_000 {
         for x in (5..95).chain((5..=95).rev()) {
             let done = local.step(&mut table, view(x as f32)).unwrap();
@@ -292,7 +301,8 @@ fn more_slots_are_less_error() {
     let errors: Vec<f32> = [4, 16, 64, 128, 255]
         .map(|slots| {
             let h = solve_with(slots);
-            let (mut off, mut norm) = (0.0, 0.0);
+            let mut off = 0.0;
+            let mut norm = 0.0;
             for &i in &near {
                 off += (h[i] - full[i]).length_squared();
                 norm += full[i].length_squared();
@@ -401,7 +411,9 @@ fn what_is_not_there_yet_stays_coarser_and_nothing_waits() {
     let lost = vec![table.node_of()[40], table.node_of()[41]];
     let mut world = Slow { table, delay: 5, asked: Default::default(), lost: lost.clone() };
     let mut local = Local::new(world.nodes(), settings(48)).unwrap();
-    let (mut waited, mut named, mut sizes) = (0, Vec::new(), Vec::new());
+    let mut waited = 0;
+    let mut named = Vec::new();
+    let mut sizes = Vec::new();
     for step in 0..400 {
         let x = (step / 3).min(42) as f32;
         let done = local.step(&mut world, view(x * 0.5)).unwrap();
@@ -427,7 +439,8 @@ fn jumps_of_the_light_fade_and_end_where_they_should() {
     let run = |fade: u32| {
         let mut table = line.table();
         let mut local = settled(&mut table, LocalSettings { fade, ..settings(32) }, 5.0);
-        let (mut before, mut most) = (Vec::new(), 0.0f32);
+        let mut before = Vec::new();
+        let mut most = 0.0f32;
         for step in 0..300 {
             let x = (5.0 + 0.5 * step as f32).min(90.0);
             let mut h = vec![Vec4::ZERO; 200];
@@ -454,7 +467,9 @@ fn jumps_of_the_light_fade_and_end_where_they_should() {
 fn fading(from: f32, to: f32, display_white: f32) -> (f32, usize, f32) {
     let shown = |h: f32| 255.0 * encode_srgb(h.clamp(0.0, 1.0));
     let jump = FadeParams { count: 1, keep: 1.0 - 1.0 / 16.0, has_jump: 1, display_white };
-    let (mut offset, mut last, mut most) = (Vec4::ZERO, from, 0.0f32);
+    let mut offset = Vec4::ZERO;
+    let mut last = from;
+    let mut most = 0.0f32;
     for frame in 0..1000 {
         let p = FadeParams { has_jump: u32::from(frame == 0), ..jump };
         offset = fade(offset, Vec4::splat(from), Vec4::splat(to), &p);
@@ -471,7 +486,9 @@ fn fading(from: f32, to: f32, display_white: f32) -> (f32, usize, f32) {
 #[test]
 fn no_displayed_value_changes_by_more_than_two_255ths_a_frame() {
     let levels = [0.0, 0.001, 0.003, 0.01, 0.1, 0.5, 0.97, 1.0, 3.0, 40.0];
-    let (mut worst, mut slowest, mut unlimited) = (0.0f32, 0, 0.0f32);
+    let mut worst = 0.0f32;
+    let mut slowest = 0;
+    let mut unlimited = 0.0f32;
     for &from in &levels {
         for &to in &levels {
             let (most, frames, end) = fading(from, to, 1.0);
@@ -491,7 +508,8 @@ fn no_displayed_value_changes_by_more_than_two_255ths_a_frame() {
 fn unlike_pairs(factor: f32, others: f32) -> (usize, usize) {
     let n = 32;
     let surface = |i: usize| {
-        let (x, z) = (0.1 * (i % n) as f32, (i / n) as f32);
+        let x = 0.1 * (i % n) as f32;
+        let z = (i / n) as f32;
         Surface {
             centre: Vec3::new(x, 0.0, z),
             normal: Vec3::Z * (1.0 - 2.0 * z),
@@ -501,7 +519,9 @@ fn unlike_pairs(factor: f32, others: f32) -> (usize, usize) {
     };
     let surfaces: Vec<Surface> = (0..2 * n).map(surface).collect();
     let by = |i: usize| if i.is_multiple_of(2) { factor } else { others } / n as f32;
-    let (mut starts, mut columns, mut values) = (vec![0], Vec::new(), Vec::new());
+    let mut starts = vec![0];
+    let mut columns = Vec::new();
+    let mut values = Vec::new();
     for i in 0..2 * n {
         for j in if i < n { n..2 * n } else { 0..n } {
             columns.push(j as u32);

@@ -67,13 +67,16 @@ impl World {
 
     /// Relative error of the operator between these patches, which with its ghosts are all that the matrix holds.
     fn error(&self, matrix: &LocalMatrix, all: &[u32], patches: &[u32]) -> f64 {
-        let (m, mut worst) = (matrix.slots(), 0.0f64);
+        let m = matrix.slots();
+        let mut worst = 0.0f64;
         for channel in 0..3 {
             let exact = self.solve(all, channel);
-            let (mut off, mut norm) = (0.0, 0.0);
+            let mut off = 0.0;
+            let mut norm = 0.0;
             for &i in patches {
                 for &j in patches {
-                    let (a, b) = (matrix.slot(i).unwrap() as usize, matrix.slot(j).unwrap() as usize);
+                    let a = matrix.slot(i).unwrap() as usize;
+                    let b = matrix.slot(j).unwrap() as usize;
                     let found =
                         matrix.state()[channel * m * m + a * m + b] * matrix.sqrt_area()[b] / matrix.sqrt_area()[a];
                     let place = |patch| all.iter().position(|&k| k == patch).unwrap();
@@ -182,7 +185,8 @@ fn a_camera_to_and_fro_changes_no_energy() {
     let world = World::new(120);
     let energy = |matrix: &LocalMatrix, patches: &[u32]| -> f64 {
         let slots: Vec<u32> = patches.iter().map(|&i| matrix.slot(i).unwrap()).collect();
-        let (mut light, mut irradiance) = (vec![Vec4::ZERO; matrix.slots()], vec![Vec4::ZERO; matrix.slots()]);
+        let mut light = vec![Vec4::ZERO; matrix.slots()];
+        let mut irradiance = vec![Vec4::ZERO; matrix.slots()];
         slots.iter().for_each(|&slot| light[slot as usize] = Vec4::ONE);
         matrix.product(&slots, &slots, &light, &mut irradiance).unwrap();
         let of = |(&i, &slot): (&u32, &u32)| {
@@ -196,7 +200,9 @@ fn a_camera_to_and_fro_changes_no_energy() {
         let first: Vec<u32> = (0..40).collect();
         world.add(&mut matrix, &first).unwrap();
         let before = energy(&matrix, &first);
-        let (mut at, mut step, mut done) = (0u32, 1i32, 40);
+        let mut at = 0u32;
+        let mut step = 1i32;
+        let mut done = 40;
         while done < updates || at != 0 {
             let next = at.saturating_add_signed(step);
             let (leaves, enters) = if step > 0 { (at, next + 39) } else { (at + 39, next) };
@@ -237,7 +243,8 @@ fn as_an_operator_it_is_the_product_over_all_slots() {
         exitance[matrix.slot(patch).unwrap() as usize] = Vec4::splat(1.0 + patch as f32);
     }
     let slots: Vec<u32> = there.iter().map(|&patch| matrix.slot(patch).unwrap()).collect();
-    let (mut by_slots, mut found) = (vec![Vec4::ZERO; 12], vec![Vec4::NAN; 12]);
+    let mut by_slots = vec![Vec4::ZERO; 12];
+    let mut found = vec![Vec4::NAN; 12];
     matrix.product(&slots, &slots, &exitance, &mut by_slots).unwrap();
     matrix.apply(&exitance, &mut found).unwrap();
     assert_eq!(found, by_slots);
@@ -254,7 +261,8 @@ fn a_ghost_that_comes_back_is_no_work() {
     let world = World::new(20);
     let mut matrix = LocalMatrix::new(20).unwrap();
     world.add(&mut matrix, &(0..12).collect::<Vec<_>>()).unwrap();
-    let (state, work) = (matrix.state().to_vec(), matrix.work());
+    let state = matrix.state().to_vec();
+    let work = matrix.work();
     matrix.leave(&[3, 5]).unwrap();
     assert_eq!((matrix.ghosts(), matrix.slot(3)), (2, None));
     world.add(&mut matrix, &[5, 3]).unwrap();

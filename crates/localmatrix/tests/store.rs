@@ -143,7 +143,8 @@ fn the_row_of_a_parent_is_the_mean_of_its_children_and_points_are_theirs() {
 #[test]
 fn an_interrupted_bake_goes_on_to_the_same_bytes_wherever_it_ended() {
     let folder = tempfile::tempdir().unwrap();
-    let (path, again) = (folder.path().join("a.bake"), folder.path().join("b.bake"));
+    let path = folder.path().join("a.bake");
+    let again = folder.path().join("b.bake");
     whole(&path);
     let expected = fs::read(&path).unwrap();
     let mut writer = begin(&again, head(None));
@@ -330,7 +331,8 @@ fn wild_numbers_with_right_checksums_are_refused() {
     whole(&path);
     let good = fs::read(&path).unwrap();
     let (offset, length) = BakeFile::open(&path).unwrap().place(0).unwrap();
-    let (start, end) = (offset as usize, offset as usize + length as usize);
+    let start = offset as usize;
+    let end = offset as usize + length as usize;
     // Of the first row: share of the sky, lost share, scale of the factors, x of its first point.
     let point = start + 24 + 20 + 3 * 6;
     for (at, words) in
@@ -419,7 +421,8 @@ fn a_disk_slower_than_the_camera_stalls_nobody() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.bake");
     whole(&path);
-    let (go, reads) = (Arc::new(AtomicBool::new(true)), Arc::new(AtomicU64::new(0)));
+    let go = Arc::new(AtomicBool::new(true));
+    let reads = Arc::new(AtomicU64::new(0));
     let source = Slow { file: Box::new(Mapped::open(&path).unwrap()), go: Arc::clone(&go), reads: Arc::clone(&reads) };
     let file = BakeFile::of_source(&path, Box::new(source)).unwrap();
     go.store(false, Ordering::SeqCst);

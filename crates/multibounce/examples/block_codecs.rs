@@ -28,7 +28,8 @@ fn main() -> Result<(), Error> {
             let settings =
                 BlockSettings { codec, companding: Companding::Sqrt, outliers: 0.05, tile: 64, ..<_>::default() };
             let matrix = BlockMatrix::encode(N, &rows, order.clone(), settings, &|_, _| ControlFlow::Continue(()))?;
-            let (report, bytes) = (matrix.report(), matrix.bytes_by_part().total() as f64 / (N * N) as f64);
+            let report = matrix.report();
+            let bytes = matrix.bytes_by_part().total() as f64 / (N * N) as f64;
             println!("{name:10} {codec:<5?} {bytes:9.3} {:9.4}% {:10.2e}", 100.0 * report.frobenius, report.mse);
         }
     }

@@ -8,7 +8,8 @@ pub enum Error {
     Shared(#[from] transport::Error),
     /// Less memory than the least panel of an operator takes.
     #[error(
-        "the operator takes {needed} MB of memory while it is built panel by panel, and {limit} MB are allowed; allow more"
+        "the operator takes {needed} MB of memory while it is built panel by panel, and {limit} MB are allowed; allow \
+         more"
     )]
     Memory {
         /// MB needed.

@@ -31,11 +31,14 @@ fn albedo() -> Vec<Vec4> {
 
 /// Distance to where the light settles, after each bounce, as a share of the first.
 fn distances(acceleration: Acceleration, bounces: usize) -> Vec<f32> {
-    let (matrix, albedo) = (matrix(), albedo());
+    let matrix = matrix();
+    let albedo = albedo();
     let source: Vec<Vec4> = (0..N).map(|i| Vec4::splat(if i < 3 { 1.0 } else { 0.0 })).collect();
     let run = |acceleration: Acceleration, bounces: usize, from: &[Vec4]| -> Vec<Vec<Vec4>> {
         let p = acceleration.params(N as u32);
-        let (mut light, mut last, mut irradiance) = (from.to_vec(), vec![Vec4::ZERO; N], vec![Vec4::ZERO; N]);
+        let mut light = from.to_vec();
+        let mut last = vec![Vec4::ZERO; N];
+        let mut irradiance = vec![Vec4::ZERO; N];
         let mut all = Vec::new();
         for _ in 0..bounces {
             multiply(&matrix, &light, &mut irradiance);
@@ -83,7 +86,8 @@ fn eigenvalues_of_two_plates_are_known() {
 fn light_settles_at_the_stated_rates() {
     let range = range();
     assert!(*range.start() < -0.05 && *range.end() > 0.5, "{range:?}");
-    let (plain, fast) = (Acceleration::none(range.clone()), Acceleration::new(range).unwrap());
+    let plain = Acceleration::none(range.clone());
+    let fast = Acceleration::new(range).unwrap();
     assert!(fast.rate < 0.7 * plain.rate, "{plain:?} {fast:?}");
     for acceleration in [plain, fast] {
         let found = distances(acceleration, 12);

@@ -100,7 +100,8 @@ fn in_a_furnace_every_row_keeps_its_sum() {
 
 #[test]
 fn the_error_is_the_one_that_is_reported_and_damage_raises_it() {
-    let (n, rows) = (101, room(101, 0.8));
+    let n = 101;
+    let rows = room(101, 0.8);
     let original = dense(n, &rows);
     for settings in every_kind() {
         let mut matrix = encode(n, &rows, projected_order(n, &rows, 1), settings);
@@ -117,7 +118,8 @@ fn the_error_is_the_one_that_is_reported_and_damage_raises_it() {
 
 #[test]
 fn an_order_is_worth_what_its_matrix_reports() {
-    let (n, rows) = (101, room(101, 0.8));
+    let n = 101;
+    let rows = room(101, 0.8);
     let go = |_: usize, _: usize| ControlFlow::Continue(());
     for settings in every_kind() {
         let order = projected_order(n, &rows, 1);
@@ -151,14 +153,18 @@ fn the_settings_of_a_codec_keep_to_a_third_of_single_precision() {
 
 #[test]
 fn more_outliers_leave_less_error_and_all_of_them_only_rounding() {
-    let (n, rows) = (60, room(60, 0.8));
+    let n = 60;
+    let rows = room(60, 0.8);
     let error = |outliers| {
         let settings = BlockSettings { outliers, ..BlockSettings::default() };
         let matrix = encode(n, &rows, Permutation::identity(n), settings);
         assert_eq!(matrix.bytes_by_part().outliers, 4 * 61 + 8 * matrix.outliers().entries.len() as u64);
         matrix.report().frobenius
     };
-    let (none, some, many, all) = (error(0.0), error(0.05), error(0.3), error(1.0));
+    let none = error(0.0);
+    let some = error(0.05);
+    let many = error(0.3);
+    let all = error(1.0);
     assert!(none > some && some > many && many > all, "{none} {some} {many} {all}");
     // Halves have 11 bits.
     assert!(all < 2f64.powi(-11), "{all}");
@@ -166,7 +172,8 @@ fn more_outliers_leave_less_error_and_all_of_them_only_rounding() {
 
 /// The product by the bodies of the kernels, one lane.
 fn by_kernels<F: BlockFormat>(matrix: &BlockMatrix, exitance: &[Vec4]) -> Vec<Vec4> {
-    let (n, order) = (matrix.len(), matrix.permutation());
+    let n = matrix.len();
+    let order = matrix.permutation();
     let mut ordered = vec![Vec4::ZERO; n.next_multiple_of(4)];
     order.apply(exitance, &mut ordered[..n]).unwrap();
     let p = matrix.params(0, matrix.block_count() as u32);
@@ -178,7 +185,8 @@ fn by_kernels<F: BlockFormat>(matrix: &BlockMatrix, exitance: &[Vec4]) -> Vec<Ve
     let mut sums = vec![Vec4::ZERO; ordered.len()];
     for (row, sums) in sums.chunks_mut(BLOCK as usize).enumerate() {
         let s = decode_gather_row::<F>(row as u32, &p, 0, 1, words, matrix.scales(), &ordered);
-        let (start, entries) = (&matrix.outliers().start, &matrix.outliers().entries);
+        let start = &matrix.outliers().start;
+        let entries = &matrix.outliers().entries;
         let s = s.plus(gather_outlier_rows(row as u32, &p, 0, 1, start, entries, &ordered));
         for (sum, s) in sums.iter_mut().zip([s.a, s.b, s.c, s.d]) {
             *sum = s.extend(0.0);
@@ -191,7 +199,9 @@ fn by_kernels<F: BlockFormat>(matrix: &BlockMatrix, exitance: &[Vec4]) -> Vec<Ve
 
 #[test]
 fn the_product_is_that_of_the_kernels_and_of_the_decoded_matrix() {
-    let (n, rows, exitance) = (90, room(90, 0.8), light(90));
+    let n = 90;
+    let rows = room(90, 0.8);
+    let exitance = light(90);
     for settings in every_kind() {
         let matrix = encode(n, &rows, projected_order(n, &rows, 1), settings);
         let mut irradiance = vec![Vec4::ZERO; n];
@@ -214,7 +224,9 @@ fn the_product_is_that_of_the_kernels_and_of_the_decoded_matrix() {
 
 #[test]
 fn the_number_of_threads_changes_no_byte() {
-    let (n, rows, exitance) = (200, room(200, 0.8), light(200));
+    let n = 200;
+    let rows = room(200, 0.8);
+    let exitance = light(200);
     let with = |threads: usize, seed| {
         rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap().install(|| {
             let matrix = encode(n, &rows, projected_order(n, &rows, seed), BlockSettings::default());
@@ -233,7 +245,8 @@ fn orders_by_likeness_make_blocks_smooth() {
     let n = 300;
     let rows = room(n, 0.8);
     let mse = |order| encode(n, &rows, order, BlockSettings::default()).report().mse;
-    let (given, greedy) = (mse(Permutation::identity(n)), mse(greedy_order(n, &rows)));
+    let given = mse(Permutation::identity(n));
+    let greedy = mse(greedy_order(n, &rows));
     let projected = mse(projected_order(n, &rows, 1));
     assert!(greedy < 0.7 * given, "{greedy} after the greedy order, {given} before");
     // Each looks at distances of its own: here the linear ones of the greedy order are better, in real scenes
@@ -302,7 +315,8 @@ fn the_spectral_radius_of_two_patches_is_known() {
 
 #[test]
 fn pictures_show_the_order_and_the_error() {
-    let (n, rows) = (64, room(64, 0.8));
+    let n = 64;
+    let rows = room(64, 0.8);
     let matrix = encode(n, &rows, greedy_order(n, &rows), BlockSettings::default());
     let before = picture(n, &rows, &Permutation::identity(n), n);
     assert_eq!(before, dense(n, &rows));
@@ -419,12 +433,14 @@ fn what_cannot_be_encoded_is_refused() {
 
 #[test]
 fn zeros_in_the_place_of_outliers_keep_them_and_bend_the_rest() {
-    let (n, rows) = (64, room(64, 0.8));
+    let n = 64;
+    let rows = room(64, 0.8);
     let with = |filling| {
         let settings = BlockSettings { filling, ..BlockSettings::default() };
         encode(n, &rows, projected_order(n, &rows, 1), settings)
     };
-    let (zeros, means) = (with(Filling::Zeros), with(Filling::Mean));
+    let zeros = with(Filling::Zeros);
+    let means = with(Filling::Mean);
     assert!(zeros.report().block_mse > means.report().block_mse, "{:?} {:?}", zeros.report(), means.report());
     assert_eq!(zeros.outliers().entries.len(), means.outliers().entries.len());
     // The greatest entry is exact with either, but for halves and the scale of its row.

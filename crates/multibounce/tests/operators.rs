@@ -33,7 +33,9 @@ impl Case {
         // One scale for all, so that F stays reciprocal and no row exceeds 1.
         let sums: Vec<f32> = (0..n).map(|i| (0..n).map(|j| s(i, j)).sum::<f32>() / area[i]).collect();
         let most = sums.iter().copied().fold(0.0, f32::max);
-        let (mut row_start, mut columns, mut values) = (vec![0], Vec::new(), Vec::new());
+        let mut row_start = vec![0];
+        let mut columns = Vec::new();
+        let mut values = Vec::new();
         for (i, area) in area.iter().enumerate() {
             for j in (0..n).filter(|&j| j != i) {
                 columns.push(j as u32);
@@ -81,7 +83,8 @@ fn difference(a: &Mat<f32>, b: &Mat<f32>) -> f32 {
 #[test]
 fn cholesky_lu_and_many_bounces_agree() {
     let case = Case::new(90, 0.5);
-    let (rho, f) = (albedo(90, 0), case.dense());
+    let rho = albedo(90, 0);
+    let f = case.dense();
     let symmetric = case.factors().symmetric().unwrap();
     let all = unscaled(&all_bounces(symmetric.clone(), &rho).unwrap(), &case.area);
     let lu = all_bounces_lu(&f, &rho).unwrap();
@@ -101,9 +104,11 @@ fn cholesky_lu_and_many_bounces_agree() {
 #[test]
 fn horner_is_the_sum_of_explicit_powers() {
     let case = Case::new(40, 0.5);
-    let (rho, f) = (albedo(40, 0), case.dense());
+    let rho = albedo(40, 0);
+    let f = case.dense();
     let reflected = Mat::from_fn(40, 40, |i, j| rho[i] * f[(i, j)]);
-    let (mut power, mut sum) = (Mat::<f32>::identity(40, 40), Mat::<f32>::zeros(40, 40));
+    let mut power = Mat::<f32>::identity(40, 40);
+    let mut sum = Mat::<f32>::zeros(40, 40);
     for bounces in 1..6 {
         sum += &f * &power;
         power = &reflected * &power;
@@ -142,7 +147,8 @@ fn operators_in_files_are_those_in_memory_and_keep_to_the_limit() {
     for (n, dark) in [(700, true), (512, false), (90, true)] {
         let case = Case::new(n, 0.5);
         let rho: Vec<f32> = albedo(n, 0).iter().map(|&a| if dark { a } else { a.max(0.2) }).collect();
-        let (symmetric, order) = (case.factors().symmetric().unwrap(), case.order());
+        let symmetric = case.factors().symmetric().unwrap();
+        let order = case.order();
         let all = all_bounces(symmetric.clone(), &rho).unwrap();
         let some = some_bounces(&symmetric, &rho, 4, &go).unwrap();
         let mut last = u64::MAX;
@@ -171,7 +177,8 @@ fn operators_in_files_are_those_in_memory_and_keep_to_the_limit() {
 fn tiles_of_operators_in_files_are_those_of_operators_in_memory() {
     let n = 300;
     let case = Case::new(n, 0.3);
-    let (folder, order) = (std::env::temp_dir(), case.order());
+    let folder = std::env::temp_dir();
+    let order = case.order();
     let workspace = Workspace { folder: &folder, bytes: 1 << 20 };
     let store = |c| some_bounces_stored(&case.factors(), &albedo(n, c), 3, &order, &workspace, &go).unwrap();
     let stored = [store(0), store(1), store(2)];
@@ -203,7 +210,9 @@ fn tiles_of_operators_in_files_are_those_of_operators_in_memory() {
 fn what_is_wrong_with_a_file_or_its_workspace_is_said() {
     let n = 300;
     let case = Case::new(n, 0.3);
-    let (rho, order, folder) = (albedo(n, 0), case.order(), std::env::temp_dir());
+    let rho = albedo(n, 0);
+    let order = case.order();
+    let folder = std::env::temp_dir();
     let make = |rho: &[f32], order: &[u32], bytes, folder: &std::path::Path| {
         all_bounces_stored(&case.factors(), rho, order, &Workspace { folder, bytes }, &go)
             .map(|stored| stored.held_bytes)
@@ -256,7 +265,8 @@ fn tiles_of(
 fn decoded(tiles: &LowRank, n: usize, channel: usize) -> Mat<f32> {
     let mut out = Mat::zeros(n, n);
     for j in 0..n {
-        let (mut unit, mut column) = (vec![Vec4::ZERO; n], vec![Vec4::ZERO; n]);
+        let mut unit = vec![Vec4::ZERO; n];
+        let mut column = vec![Vec4::ZERO; n];
         unit[j] = Vec4::ONE;
         tiles.apply(&unit, &mut column).unwrap();
         (0..n).for_each(|i| out[(i, j)] = column[i][channel]);
@@ -348,8 +358,10 @@ fn differences_of_one_hue_are_stored_once() {
     let encode = |blue: &Mat<f32>| {
         tiles_of(Channels::Three([&red, &green, blue]), &case.area, &case.order(), 1e-3, &go).unwrap()
     };
-    let (alike, alone) = (encode(&blue), encode(&green));
-    let (unit, chroma_axes) = (0.2f32.sqrt(), alike.chroma_axes * alike.chroma_axes.x.signum());
+    let alike = encode(&blue);
+    let alone = encode(&green);
+    let unit = 0.2f32.sqrt();
+    let chroma_axes = alike.chroma_axes * alike.chroma_axes.x.signum();
     assert!(chroma_axes.abs_diff_eq(Vec4::new(unit, -2.0 * unit, 2.0 * unit, unit), 1e-3), "{chroma_axes}");
     assert!(alike.groups.iter().all(|group| group.color() != 1), "nothing is left for the second axis");
     for (channel, exact) in [&red, &green, &blue].into_iter().enumerate() {
@@ -414,7 +426,8 @@ fn a_furnace_stays_one() {
     }
     // Feedback with the form factors alone comes to the same.
     let tiles = tiles_of(Channels::One(&symmetric), &case.area, &case.order(), 1e-3, &go).unwrap();
-    let (mut b, mut h) = (vec![Vec4::ZERO; n], vec![Vec4::ZERO; n]);
+    let mut b = vec![Vec4::ZERO; n];
+    let mut h = vec![Vec4::ZERO; n];
     for _ in 0..40 {
         tiles.apply(&b, &mut h).unwrap();
         b.iter_mut().zip(&h).for_each(|(b, h)| *b = Vec4::ONE + *h * 0.6);
@@ -427,7 +440,8 @@ fn tiles_of_sparse_form_factors_are_those_of_the_dense_matrix() {
     let case = Case::new(300, 0.5);
     let symmetric = case.factors().symmetric().unwrap();
     let encode = |channels| tiles_of(channels, &case.area, &case.order(), 1e-2, &go).unwrap();
-    let (sparse, dense) = (encode(Channels::Factors(case.factors())), encode(Channels::One(&symmetric)));
+    let sparse = encode(Channels::Factors(case.factors()));
+    let dense = encode(Channels::One(&symmetric));
     assert!(sparse == dense, "{:?} {:?}", sparse.report, dense.report);
     // Other factors give other tiles.
     let half: Vec<f32> = case.values.iter().map(|f| 0.5 * f).collect();
@@ -449,7 +463,8 @@ fn light_that_is_even_costs_less_error_than_light_that_is_not() {
     let tiles = tiles_of(Channels::One(&symmetric), &case.area, &order, 0.05, &go).unwrap();
     let error = |light: &dyn Fn(usize) -> f32| {
         let light: Vec<Vec4> = (0..n).map(|i| Vec4::splat(light(i))).collect();
-        let (mut ours, mut exact) = (vec![Vec4::ZERO; n], vec![0.0; n]);
+        let mut ours = vec![Vec4::ZERO; n];
+        let mut exact = vec![0.0; n];
         tiles.apply(&light, &mut ours).unwrap();
         for (i, x) in exact.iter_mut().enumerate() {
             *x = (0..n).map(|j| symmetric[(i, j)] * (case.area[j] / case.area[i]).sqrt() * light[j].x).sum();
@@ -492,7 +507,8 @@ fn like_the_bodies(tiles: &LowRank, exitance: &[Vec4]) {
     let mut sums = vec![Vec4::ZERO; tiles.scale.len()];
     multiply_vt_all(&tiles.vt_tables(), &light, &mut sums);
     let (light_u32x4, scale): (&[UVec4], &[Vec4]) = (cast_slice(&light), cast_slice(&tiles.scale));
-    let (runs, mut groups) = (tiles.runs.len() - 1, 0);
+    let runs = tiles.runs.len() - 1;
+    let mut groups = 0;
     for k in 0..runs as u32 * kernel::tiles::RUN_INVOCATIONS {
         let (first, count) = kernel::tiles::groups_of(k, &tiles.runs);
         if count > 0 {
@@ -505,7 +521,8 @@ fn like_the_bodies(tiles: &LowRank, exitance: &[Vec4]) {
                 scale,
                 light_u32x4,
             );
-            let (first, vectors) = (4 * first as usize, 4 * count as usize);
+            let first = 4 * first as usize;
+            let vectors = 4 * count as usize;
             assert_eq!(sums[first..first + vectors], body[..vectors], "vector {first}");
             groups += count as usize;
         }
@@ -524,7 +541,8 @@ fn like_the_bodies(tiles: &LowRank, exitance: &[Vec4]) {
         let body =
             kernel::tiles::multiply_u(k, t.run_start, t.runs, t.groups, cast_slice(t.words), cast_slice(&factors));
         for part in 0..kernel::tiles::PARTS {
-            let (at, part) = (kernel::tiles::row_at(k, part) as usize, part as usize);
+            let at = kernel::tiles::row_at(k, part) as usize;
+            let part = part as usize;
             let lanes = [body[part], body[part + kernel::tiles::PARTS as usize]];
             assert_eq!(rows[at..at + 2], lanes, "lanes {k}, part {part}");
         }

@@ -61,7 +61,8 @@ impl Case {
 
     /// Relative Frobenius error of `a_r^½ F_r a_s^-½`, column by column of what products multiply by.
     fn error_of(&self, tiles: &LowRank) -> f64 {
-        let (mut wrong, mut whole) = (0.0, 0.0);
+        let mut wrong = 0.0;
+        let mut whole = 0.0;
         let mut workspace = LowRankWorkspace::default();
         for (j, a) in self.patch_area.iter().enumerate() {
             let mut unit = vec![Vec4::ZERO; self.patch_area.len()];
@@ -118,7 +119,8 @@ fn names_of_receivers_and_patches_change_nothing() {
     let exitance = light(200);
     let expected = product(&tiles, &exitance);
     // Receiver i is called 7 i + 3 mod 300, patch j 9 j + 1 mod 200.
-    let (receiver, patch) = (|i: usize| (7 * i + 3) % 300, |j: usize| (9 * j + 1) % 200);
+    let receiver = |i: usize| (7 * i + 3) % 300;
+    let patch = |j: usize| (9 * j + 1) % 200;
     let mut other = Case::new(300, 200);
     for i in 0..300 {
         other.area[receiver(i)] = case.area[i];

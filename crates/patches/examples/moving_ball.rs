@@ -9,7 +9,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mut triangles = Vec::new();
     for (corner, side) in [(Vec3::ZERO, 4.0), (Vec3::splat(4.0), -4.0)] {
         for (a, b) in [(Vec3::X, Vec3::Y), (Vec3::Y, Vec3::Z), (Vec3::Z, Vec3::X)] {
-            let (a, b) = (a * side, b * side);
+            let a = a * side;
+            let b = b * side;
             triangles.push(Triangle { corner, edge_a: a, edge_b: b, ..Triangle::default() });
             triangles.push(Triangle { corner: corner + a + b, edge_a: -a, edge_b: -b, ..Triangle::default() });
         }

@@ -6,7 +6,8 @@ use alloc::boxed::Box;
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
     /// Triangles of an atlas lie on each other.
-    #[error("triangles {} and {} have the same place in the atlas: their light cannot be told apart; give each a place of its own", triangles[0], triangles[1])]
+    #[error("triangles {} and {} have the same place in the atlas: their light cannot be told apart; give each a \
+         place of its own", triangles[0], triangles[1])]
     AtlasOverlap {
         /// Their numbers.
         triangles: [u32; 2],
@@ -58,8 +59,9 @@ pub enum Error {
     },
     /// Triangles so long beside patches, or the distance between receivers, that their grids have too many cells.
     #[error(
-        "triangle {triangle} has an edge of {length} m, and its grid with those of others has {cells} cells where at most {limit} \
-         are possible; cut long thin triangles, or choose fewer patches or a larger distance between receivers"
+        "triangle {triangle} has an edge of {length} m, and its grid with those of others has {cells} cells where at \
+         most {limit} are possible; cut long thin triangles, or choose fewer patches or a larger distance between \
+         receivers"
     )]
     LongTriangle {
         /// The triangle with the most cells, by its number in the file ([`scene::Triangle::source`]).

@@ -36,7 +36,8 @@ fn area(scene: &Scene) -> f32 {
 fn across(scene: &Scene, line: f32, from: f32, to: f32) -> usize {
     let is_across = |t: &&Triangle| {
         let c = corners(t);
-        let (low, high) = (c[0].min(c[1]).min(c[2]), c[0].max(c[1]).max(c[2]));
+        let low = c[0].min(c[1]).min(c[2]);
+        let high = c[0].max(c[1]).max(c[2]);
         high.y < 1e-3 && low.x < line - 1e-3 && high.x > line + 1e-3 && low.z < to - 1e-3 && high.z > from + 1e-3
     };
     scene.geometry.triangles.iter().filter(is_across).count()

@@ -48,7 +48,8 @@ fn a_linear_field_is_reproduced_and_no_chart_shows_another() {
     let geometry = scene.tables();
     let places: Vec<Vec4> = map.points().iter().map(|p| p.position.extend(0.0)).collect();
     let normals: Vec<Vec4> = map.points().iter().map(|p| p.normal.extend(0.0)).collect();
-    let (mut worst, mut inner) = (0.0f32, 0);
+    let mut worst = 0.0f32;
+    let mut inner = 0;
     for k in 0..20_000 {
         let (triangle, front, u, v) = random(&scene, k);
         let place = geometry.position(triangle, u, v);
@@ -118,7 +119,8 @@ fn the_two_halves_of_a_rectangle_share_a_chart() {
             far(*a).total_cmp(&far(*b))
         });
         let s = other.unwrap();
-        let (a, b) = (map.at(&values, 0, true, 1.0 - t, t).unwrap(), map.at(&values, 1, true, 1.0 - s, s).unwrap());
+        let a = map.at(&values, 0, true, 1.0 - t, t).unwrap();
+        let b = map.at(&values, 1, true, 1.0 - s, s).unwrap();
         assert!((a.x - b.x).abs() < 0.02, "{place}: {a} {b}");
     }
     // The picture holds the same values; a texture unit would read them bilinearly.
@@ -140,7 +142,8 @@ fn even_meshes_take_few_charts_and_folds_take_their_own() {
     for (i, j) in (0..8).flat_map(|i| (0..8).map(move |j| (i, j))) {
         mesh.quad(at(i, j), Vec3::Z * 0.5, Vec3::X * 0.5);
     }
-    let (rise, run) = (0.173_65, 0.984_81);
+    let rise = 0.173_65;
+    let run = 0.984_81;
     mesh.quad(at(8, 0), Vec3::Z * 4.0, Vec3::new(run, rise, 0.0));
     mesh.quad(at(0, 0), Vec3::Y * 2.0, Vec3::Z * 4.0);
     let scene = mesh.scene(1.0);
@@ -183,7 +186,8 @@ fn an_atlas_that_is_there_is_taken_as_it_is() {
     // 12 m² take 0.72 of the texture: a texel is 0.05 m on the mean.
     assert_eq!((map.params.width, map.params.height), (82, 82));
     for t in 0..4 {
-        let (given, found) = (uvs[t as usize].unwrap(), map.uv(t, true).unwrap());
+        let given = uvs[t as usize].unwrap();
+        let found = map.uv(t, true).unwrap();
         for (a, b) in [(given.corner, found.corner), (given.corner_a, found.corner_a), (given.corner_b, found.corner_b)]
         {
             assert!(a.distance(b) < 1e-5, "{a} {b}");
@@ -194,7 +198,8 @@ fn an_atlas_that_is_there_is_taken_as_it_is() {
     let geometry = scene.tables();
     for k in 0..2000 {
         let (triangle, _, u, v) = random(&scene, k);
-        let (u, v) = (0.1 + 0.7 * u, 0.1 + 0.7 * v);
+        let u = 0.1 + 0.7 * u;
+        let v = 0.1 + 0.7 * v;
         let error = map.at(&values, triangle, true, u, v).unwrap().truncate() - geometry.position(triangle, u, v);
         assert!(error.length() < 1e-4, "{error} at {triangle}");
     }

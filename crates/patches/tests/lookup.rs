@@ -150,9 +150,11 @@ fn places_without_light_are_dark_and_make_no_others_so() {
         let samples = sample_voxels(&scene, &grid, &SampleSettings::default(), &|s: &Sample| keep(s)).unwrap();
         axis_patches(&grid, samples).unwrap()
     };
-    let (lit, dark) = (patches(&is_lit), patches(&|s| !is_lit(s)));
+    let lit = patches(&is_lit);
+    let dark = patches(&|s| !is_lit(s));
     let settings = LookupSettings::default();
-    let (ours, theirs) = ((lit.len(), |k: usize| lit.patches[k]), (dark.len(), |k: usize| dark.patches[k]));
+    let ours = (lit.len(), |k: usize| lit.patches[k]);
+    let theirs = (dark.len(), |k: usize| dark.patches[k]);
     let with = Lookup::with_dark(&grid.shape, ours, theirs, settings).unwrap();
     let without = Lookup::new(&grid, &lit, settings).unwrap();
     assert_eq!((with.values, without.values), (lit.len() + 1, lit.len()));
@@ -160,7 +162,8 @@ fn places_without_light_are_dark_and_make_no_others_so() {
     let all = [light.clone(), vec![Vec4::ZERO]].concat();
     for k in 0..1000 {
         let (x, _) = random(k, Vec3::ZERO, Vec3::new(8.0, 0.0, 8.0));
-        let (above, below) = (with.at(&all, x, Vec3::Y).unwrap().x, with.at(&all, x, -Vec3::Y).unwrap().x);
+        let above = with.at(&all, x, Vec3::Y).unwrap().x;
+        let below = with.at(&all, x, -Vec3::Y).unwrap().x;
         assert!(below < 1e-5, "{x}: {below}");
         let bound = Sample { position: x, normal: Vec3::Y, ..Sample::default() };
         if is_lit(&bound) {

@@ -79,7 +79,8 @@ fn clusters_keep_the_area_and_never_hold_opposite_samples() {
                 for m in set.members_of(i) {
                     owners[m.sample as usize] += 1;
                     for o in set.members_of(i) {
-                        let (a, b) = (&set.samples[m.sample as usize], &set.samples[o.sample as usize]);
+                        let a = &set.samples[m.sample as usize];
+                        let b = &set.samples[o.sample as usize];
                         assert!(a.normal.dot(b.normal) >= 0.0, "patch {i}");
                     }
                 }
@@ -114,9 +115,11 @@ fn merge_slowly(samples: &[Sample], unit: f64, most: usize) -> Vec<Vec<usize>> {
         let mut best = (f64::INFINITY, 0, 0);
         for i in 0..clusters.len() {
             for j in i + 1..clusters.len() {
-                let (a, b) = (&clusters[i], &clusters[j]);
+                let a = &clusters[i];
+                let b = &clusters[j];
                 let opposite = a.iter().any(|&k| b.iter().any(|&l| samples[k].normal.dot(samples[l].normal) < 0.0));
-                let (n, m) = (mean(a, &|s| s.normal).normalize(), mean(b, &|s| s.normal).normalize());
+                let n = mean(a, &|s| s.normal).normalize();
+                let m = mean(b, &|s| s.normal).normalize();
                 let d = mean(a, &|s| s.position).distance(mean(b, &|s| s.position));
                 let metric = (1.0 + d / unit) * (2.0 - n.dot(m));
                 if !opposite && metric < best.0 {
@@ -221,7 +224,8 @@ fn any_number_of_threads_gives_the_same_patches() {
             (axis_patches(&grid, samples).unwrap(), clusters)
         })
     };
-    let (one, two) = (run(1), run(2));
+    let one = run(1);
+    let two = run(2);
     assert_eq!(one, two);
     assert_ne!(one.0, one.1);
 }

@@ -82,7 +82,8 @@ fn between(scene: &Scene, set: &InterpolationMesh, value: impl Fn(Vec3) -> f32) 
 #[test]
 fn a_fine_mesh_needs_no_more_receivers_than_a_coarse_one() {
     let of = |n: u32| receivers(&scene(sheet(Vec3::ZERO, Vec3::X, Vec3::Z, n)), 0.2).points.len();
-    let (coarse, fine) = (of(1), of(64));
+    let coarse = of(1);
+    let fine = of(64);
     assert!(fine <= 3 * coarse && fine < 2 * 65 * 65 / 10, "{coarse} {fine}");
     // The two sides share nothing.
     let flat = scene(sheet(Vec3::ZERO, Vec3::X, Vec3::Z, 1));
@@ -157,7 +158,9 @@ fn vertices_of_bad_receivers_take_good_ones_beside_them() {
     assert!(set.points.len() <= full.points.len());
     assert!(set.points.iter().enumerate().all(|(k, p)| p.patch as usize == k));
     assert_eq!(flags.len(), set.points.len());
-    let (mut good, mut mixed_before, mut grown) = (0, 0, 0);
+    let mut good = 0;
+    let mut mixed_before = 0;
+    let mut grown = 0;
     for t in 0..2 {
         for (own, before) in cells(&scene, &set, t, true).iter().zip(cells(&scene, &full, t, true)) {
             let all = own.1.iter().filter(|&&r| flags[r as usize]).count();

@@ -166,7 +166,9 @@ fn a_wall_without_thickness_has_samples_for_both_rooms() {
 
 /// A picture with its pyramid: the left half white and opaque, the right half black and a hole.
 fn halves(size: u32) -> (Texture, Vec<u32>) {
-    let (mut texels, mut width, mut levels) = (Vec::new(), size, 0);
+    let mut texels = Vec::new();
+    let mut width = size;
+    let mut levels = 0;
     while width > 0 {
         for k in 0..width * width {
             let value = if width == 1 {
@@ -192,7 +194,8 @@ fn textured(material: Material) -> Scene {
     // The picture twice in each direction.
     let uvs = vec![uv(Vec2::ZERO, Vec2::X * 2.0, Vec2::Y * 2.0), uv(Vec2::ONE * 2.0, Vec2::Y * 2.0, Vec2::X * 2.0)];
     let (texture, texels) = halves(16);
-    let (textures, materials) = (vec![texture], vec![material]);
+    let textures = vec![texture];
+    let materials = vec![material];
     Scene::new(SceneParts { triangles: mesh.triangles, uvs, materials, textures, texels, ..SceneParts::default() })
         .unwrap()
 }

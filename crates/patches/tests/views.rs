@@ -30,7 +30,8 @@ fn clusters(scene: &Scene, patches: u32, seed: u32) -> PatchSet {
 
 /// Area-weighted mean of 1 − n·n̄ over all samples: 0 for flat patches.
 fn bend(set: &PatchSet) -> f32 {
-    let (mut sum, mut area) = (0.0, 0.0);
+    let mut sum = 0.0;
+    let mut area = 0.0;
     for (i, patch) in set.patches.iter().enumerate() {
         for member in set.members_of(i) {
             let sample = &set.samples[member.sample as usize];
@@ -51,7 +52,8 @@ fn as_many_patches_as_wanted_share_all_samples_once() {
         set.members.iter().for_each(|m| times[m.sample as usize] += 1);
         assert!(times.iter().all(|&n| n == 1));
     }
-    let (coarse, fine) = (bend(&clusters(&scene, 40, 0)), bend(&clusters(&scene, 700, 0)));
+    let coarse = bend(&clusters(&scene, 40, 0));
+    let fine = bend(&clusters(&scene, 700, 0));
     assert!(fine < 0.5 * coarse && fine < 0.15, "{coarse} {fine}");
 }
 
@@ -78,7 +80,8 @@ fn areas_are_those_of_the_surfaces_that_light_reaches() {
 fn elements_cut_patches_and_samples_into_runs() {
     let scene = open_hall();
     let found = cut(&scene, 200, 0);
-    let (samples, elements) = (found.set.samples.len() as u32, found.elements.len() - 1);
+    let samples = found.set.samples.len() as u32;
+    let elements = found.elements.len() - 1;
     assert!(elements > 4 * 200 && elements <= 6 * 200, "{elements}");
     assert_eq!((found.elements[0], found.elements[elements]), (0, samples));
     assert!(found.elements.windows(2).all(|f| f[0] < f[1]));
@@ -100,7 +103,8 @@ fn every_sample_is_nearest_to_itself_and_sides_are_separate() {
     let scene = open_hall();
     let set = clusters(&scene, 300, 2);
     let nearest = Nearest::new(&set.samples, &Density::default());
-    let (mut wrong, mut same_behind) = (0, 0);
+    let mut wrong = 0;
+    let mut same_behind = 0;
     for (k, s) in set.samples.iter().enumerate() {
         let (found, distance) = nearest.sample(s.position, s.normal, 1.0).unwrap();
         assert!(distance < 1e-3);
@@ -119,10 +123,12 @@ fn the_grid_finds_what_looking_at_all_samples_finds() {
     let edge = (area / set.samples.len() as f32).sqrt();
     let distance = |k: usize, p: Vec3, n: Vec3| {
         let s = &set.samples[k];
-        let (way, off) = ((s.position - p) / edge, n.dot((s.position - p) / edge));
+        let way = (s.position - p) / edge;
+        let off = n.dot((s.position - p) / edge);
         (way.length_squared() + 15.0 * off * off + 16.0 * n.distance_squared(s.normal)).sqrt()
     };
-    let (mut differ, mut none) = (0, 0);
+    let mut differ = 0;
+    let mut none = 0;
     for k in 0..300u32 {
         let unit = |d: u32| scene::sampling::unit(scene::sampling::hash3(k, d, 9));
         let place = Vec3::new(unit(0), unit(1), unit(2)) * 8.0 - 1.0;
@@ -189,7 +195,9 @@ fn probe_samples_inside_of_a_floor_do_not_speak_for_the_room_above_it() {
 
 /// A room of 4 × 2 × 4 m without a roof, with whatever else is put into it.
 fn roofless(mut mesh: Mesh) -> Scene {
-    let (x, y, z) = (4.0 * Vec3::X, 2.0 * Vec3::Y, 4.0 * Vec3::Z);
+    let x = 4.0 * Vec3::X;
+    let y = 2.0 * Vec3::Y;
+    let z = 4.0 * Vec3::Z;
     mesh.quad(Vec3::ZERO, z, x);
     mesh.quad(Vec3::ZERO, y, z);
     mesh.quad(Vec3::ZERO, x, y);
@@ -241,7 +249,8 @@ fn what_lies_in_a_gap_has_no_light_of_the_other_side_of_its_wall() {
         };
         triangles.map(element).collect::<Vec<u32>>()
     };
-    let (back, wall) = (outwards(0.001), outwards(0.0));
+    let back = outwards(0.001);
+    let wall = outwards(0.0);
     assert_eq!((back.len(), wall.len()), (2, 2));
     assert!(wall.iter().all(|&element| element != NONE), "light comes to the outside of the wall");
     assert_eq!(back, [NONE; 2], "the cupboard's back is dark");
@@ -272,7 +281,9 @@ fn straddling(found: &ViewClusters, starts: &[u32]) -> usize {
 /// A closed room of 4 × 4 × 4 m with a slit of 0.3 m through which sky comes: few walks from its walls come to light.
 fn dim_room() -> Scene {
     let mut mesh = Mesh::default();
-    let (x, y, z) = (4.0 * Vec3::X, 4.0 * Vec3::Y, 4.0 * Vec3::Z);
+    let x = 4.0 * Vec3::X;
+    let y = 4.0 * Vec3::Y;
+    let z = 4.0 * Vec3::Z;
     mesh.quad(Vec3::ZERO, z, x);
     mesh.quad(Vec3::ZERO, y, z);
     mesh.quad(Vec3::ZERO, x, y);
@@ -322,7 +333,8 @@ fn open_ground_none_of_whose_rays_meets_anything_takes_part() {
         let found = subdivide(&cut, &settings(density)).unwrap();
         share(found.patches.iter().filter(|p| is_far(p.centroid)).map(|p| p.area).sum())
     };
-    let (near, without) = (polygons(density), polygons(Density::default()));
+    let near = polygons(density);
+    let without = polygons(Density::default());
     println!("far ground: samples {sampled}, polygons {near}, without a focus {without}");
     assert!((sampled - 1.0).abs() < 0.1 && (near - 1.0).abs() < 0.1, "{sampled} {near}");
     assert!(without < 0.5, "without a focus it is left out: {without}");

@@ -135,8 +135,8 @@ fn a_dark_room_stays_dark_behind_a_wall_without_thickness() {
         for dark in [true, false] {
             let ((kept, share), (open, open_share)) = (leak(true, dark), leak(false, dark));
             println!(
-                "edge {edge} m, rotated by {angle}: greatest leak {kept:e}, above 0.001 at {share:.5} of the points; without \
-                 walls {open}, {open_share:.3}"
+                "edge {edge} m, rotated by {angle}: greatest leak {kept:e}, above 0.001 at {share:.5} of the points; \
+                 without walls {open}, {open_share:.3}"
             );
             // Walls across the grid: in a corner that no ray comes near to, a probe outside may be taken for one
             // inside.
@@ -211,7 +211,8 @@ fn harmonics_of_a_linear_radiance_are_those_of_the_closed_form() {
     // L(ω) = a + b·ω: E(n) = π a + (2π/3) b·n, L_00 = a √(4π), L_1 = b √(4π/3).
     let scene = two_rooms().scene(1.0);
     let volume = VoxelVolume::new(&scene, &settings(0.5), &|_| true).unwrap();
-    let (a, b) = (2.0, Vec3::new(0.5, -0.7, 0.9));
+    let a = 2.0;
+    let b = Vec3::new(0.5, -0.7, 0.9);
     let closed = |n: Vec3| PI * a + 2.0 * PI / 3.0 * b.dot(n);
     let cubes: Vec<Vec4> = volume.points().iter().map(|p| Vec4::splat(closed(p.normal))).collect();
     let harmonics = volume.harmonics(&cubes).unwrap();

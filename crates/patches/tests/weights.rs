@@ -42,7 +42,8 @@ fn rows_come_out_as_they_went_in_to_half_a_step() {
         assert_eq!(packed.rows(), 1003);
         assert_eq!(packed.weights(), (0..1003).map(|k| packed.row(k).len()).sum::<usize>());
         for k in 0..1003 {
-            let (given, found) = (row(k, most), packed.row(k));
+            let given = row(k, most);
+            let found = packed.row(k);
             // A row of ones is exactly 1.
             let total = (128.0 * sum(&given) + 0.5).floor() / 128.0;
             assert_eq!(sum(&found), total, "row {k} of at most {most}");
@@ -51,7 +52,8 @@ fn rows_come_out_as_they_went_in_to_half_a_step() {
                 let other = same.copied().unwrap_or(Weight { weight: 0.0, ..*weight });
                 assert!((other.weight - weight.weight).abs() <= 1.0 / 128.0 + 1e-6, "{weight:?} {other:?}");
                 assert_eq!(other.rotation.is_some(), weight.rotation.is_some());
-                let (a, b) = (other.rotation.unwrap_or_default(), weight.rotation.unwrap_or_default());
+                let a = other.rotation.unwrap_or_default();
+                let b = weight.rotation.unwrap_or_default();
                 assert!((a - b).abs().max_element() <= 0.5 / 254.0 + 1e-6, "{a} {b}");
             }
         }

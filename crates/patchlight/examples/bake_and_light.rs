@@ -9,7 +9,7 @@ use patchlight::{Bake, BakeSettings, DeviceChoice, LightSettings, PictureRendere
 
 fn main() -> Result<(), Box<dyn Error>> {
     let loaded = assets::load_or_build("cornell")?;
-    let settings = BakeSettings { patch_count: 500, ..BakeSettings::default() };
+    let settings = BakeSettings::default().with_patch_count(500);
     let bake = Arc::new(Bake::build(&loaded.scene, &settings, &Silent)?);
     println!("{} patches, {} receivers", bake.mesh.patches.len(), bake.receivers.points.len());
 

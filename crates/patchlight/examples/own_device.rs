@@ -8,7 +8,7 @@ use std::sync::Arc;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let loaded = assets::load_or_build("cornell")?;
-    let bake = Bake::build(&loaded.scene, &BakeSettings { patch_count: 300, ..BakeSettings::default() }, &Silent)?;
+    let bake = Bake::build(&loaded.scene, &BakeSettings::default().with_patch_count(300), &Silent)?;
     // SAFETY: handles live until the end; each command buffer is waited for by its fence before it is recorded again.
     unsafe {
         let entry = Entry::load()?;
@@ -30,7 +30,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         let fences = [device.create_fence(&signalled, None)?, device.create_fence(&signalled, None)?];
         let ours = BorrowedDevice { instance, physical_device, device, queue_family: 0, queue, enabled };
         let vulkan = Box::new(Vulkan::borrow(ours.clone())?);
-        let (instance, device) = (ours.instance, ours.device);
+        let instance = ours.instance;
+        let device = ours.device;
         let mut field = LightField::new(Arc::new(bake), vulkan, &LightSettings::default(), &Silent)?;
         let mut lighting = loaded.scene.lighting.clone();
         for slot in [0, 1, 0, 1, 0, 1] {

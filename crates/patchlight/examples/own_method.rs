@@ -45,7 +45,7 @@ impl Method for Ambient {
 
 fn main() -> std::result::Result<(), Box<dyn std::error::Error>> {
     let loaded = assets::load_or_build("cornell")?;
-    let settings = BakeSettings { patch_count: 300, ..BakeSettings::default() };
+    let settings = BakeSettings::default().with_patch_count(300);
     let bake = Arc::new(Bake::build(&loaded.scene, &settings, &Silent)?);
     let light = LightSettings::default();
     let pictures = PictureSettings::default().with_size((80, 60)).with_sub_frames(1);

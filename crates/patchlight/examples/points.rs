@@ -15,7 +15,7 @@ const FRAMES: u32 = 100;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let loaded = assets::load_or_build("cornell")?;
-    let settings = BakeSettings { patch_count: 300, ..BakeSettings::default() };
+    let settings = BakeSettings::default().with_patch_count(300);
     let bake = Arc::new(Bake::build(&loaded.scene, &settings, &Silent)?);
     let (executor, _) = open(&DeviceChoice::Auto)?;
     let mut field = LightField::new(bake, executor, &LightSettings::default().with_point_rays(256), &Silent)?;

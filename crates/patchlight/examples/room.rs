@@ -23,7 +23,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let material = room.add_material(Material::diffuse(Vec3::new(0.8, 0.75, 0.7)));
     for (name, place) in WALLS {
         let [p, a, b] = place.map(Vec3::from_array);
-        let (positions, indices) = (&[p, p + a, p + a + b, p + b], &[0, 1, 2, 0, 2, 3]);
+        let positions = &[p, p + a, p + a + b, p + b];
+        let indices = &[0, 1, 2, 0, 2, 3];
         room.add_mesh(Mesh { name, positions, indices, material, ..Mesh::default() });
     }
     let lamp = room.add_light(Light::point(Vec3::new(2.5, 2.4, 2.0), Flux::lumens(1200.0)));
@@ -31,7 +32,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     room.set_sky(Radiance::nits(4000.0));
     let scene = room.build()?;
 
-    let bake = Bake::build(&scene, &BakeSettings { patch_count: 500, ..BakeSettings::default() }, &Silent)?;
+    let bake = Bake::build(&scene, &BakeSettings::default().with_patch_count(500), &Silent)?;
     let mut field = LightField::new(bake.into(), Box::new(Cpu::new()), &LightSettings::default(), &Silent)?;
     let desk = Point { position: Vec3::new(4.0, 0.75, 3.0), normal: Vec3::Y };
     let desk = field.add_points(&[desk], PointKind::Irradiance, &Silent)?;

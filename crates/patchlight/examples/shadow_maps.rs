@@ -17,7 +17,7 @@ fn from_lamp(scene: &Scene, point: &SurfacePoint, lamp: Vec3, intensity: Vec3) -
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let loaded = assets::load_or_build("cornell")?;
-    let settings = BakeSettings { patch_count: 300, ..BakeSettings::default() };
+    let settings = BakeSettings::default().with_patch_count(300);
     let bake = Arc::new(Bake::build(&loaded.scene, &settings, &Silent)?);
     let mut field = LightField::new(bake, Box::new(Cpu::new()), &LightSettings::default(), &Silent)?;
     let mut lighting = loaded.scene.lighting.clone();

@@ -20,6 +20,7 @@ use crate::form_factors::{ElementRows, Estimator, FormFactors, HOST, RowRays};
 use crate::low_level::operator::BakedOperator;
 use crate::memory::check_free;
 use crate::observe::{Report, run_phase};
+use crate::settings::setters;
 
 /// Receivers along the edge of a patch.
 const RECEIVERS_AN_EDGE: f32 = 3.0;
@@ -51,6 +52,7 @@ pub enum ReceiverKind {
 
 /// Settings of [`Bake::build`].
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[non_exhaustive]
 pub struct BakeSettings {
     /// Kind of patches.
     pub patches: PatchKind,
@@ -108,6 +110,39 @@ impl Default for BakeSettings {
         }
     }
 }
+
+setters!(BakeSettings {
+    /// With a kind of patches.
+    with_patches(patches: PatchKind);
+    /// With about so many patches.
+    with_patch_count(patch_count: usize);
+    /// With a viewing area.
+    with_focus(focus: Focus);
+    /// With an edge of the voxels, m, or by their count.
+    with_voxel_size(voxel_size: Option<f32>);
+    /// With so many samples of a cluster, on average.
+    with_samples(samples: u32);
+    /// With so many rays to area lights, and to a sky map, from each sample.
+    with_sample_rays(sample_rays: u32);
+    /// With an estimator of the form factors between patches.
+    with_estimator(estimator: Estimator);
+    /// With so many bounces; `None` for all.
+    with_bounces(bounces: Option<u32>);
+    /// With points where irradiance is gathered.
+    with_receivers(receivers: ReceiverKind);
+    /// With a distance between receivers, m.
+    with_receiver_edge(receiver_edge: Option<f32>);
+    /// With at most so many receivers.
+    with_most_receivers(most_receivers: Option<usize>);
+    /// With so many receivers for each that there would be by default.
+    with_receiver_density(receiver_density: f32);
+    /// With so many rays of a receiver's row.
+    with_receiver_rays(receiver_rays: u32);
+    /// With a limit of resident memory, bytes.
+    with_memory_limit(memory_limit: Option<u64>);
+    /// With another seed of every random number.
+    with_seed(seed: u32);
+});
 
 /// The static part of a scene: patches, elements and receivers, and their form factors. Lights may change after it.
 #[derive(Clone)]

@@ -192,7 +192,8 @@ impl DebugView<'_> {
         let geometry = self.scene.tables();
         let camera = self.camera;
         let pixel = |k: u32| {
-            let (x, y) = (k % camera.width, k / camera.width);
+            let x = k % camera.width;
+            let y = k / camera.width;
             let direction = camera_direction(camera, x as f32 + 0.5, y as f32 + 0.5).normalize();
             let hit = self.scene.closest(camera.eye, direction);
             let point = surface_point(&geometry, hit, direction);
@@ -258,7 +259,8 @@ fn shown(receivers: &MeshReceivers, scene: &Scene, seen: &Seen) -> Option<Shown>
     for (vertex, share) in cell.into_iter().zip(weights.to_array()) {
         let node = nodes.vertices[vertex as usize] as usize;
         for entry in receivers.weights.row(node) {
-            let (receiver, weight) = (entry.receiver, share * entry.weight);
+            let receiver = entry.receiver;
+            let weight = share * entry.weight;
             match parts.iter_mut().find(|(other, _)| *other == receiver) {
                 Some((_, sum)) => *sum += weight,
                 None => parts.push((receiver, weight)),

@@ -100,8 +100,8 @@ impl EnergyCheck {
         sentences.push(match self.balance {
             balance if balance.abs() < MAX_IMBALANCE => "form factors keep the energy".to_owned(),
             balance => format!(
-                "form factors {} {percent:.1} % of light that all patches send alike, most of it in bounces that a picture \
-                 gathers anew",
+                "form factors {} {percent:.1} % of light that all patches send alike, most of it in bounces that a \
+                 picture gathers anew",
                 if balance < 0.0 { "lose" } else { "add" }
             ),
         });

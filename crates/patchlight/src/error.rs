@@ -2,8 +2,27 @@
 
 use std::path::PathBuf;
 
-/// Why something failed. Messages name the file, the place and the remedy.
+/// Kind of an error, by what its remedy concerns.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[non_exhaustive]
+pub enum ErrorKind {
+    /// A scene, lighting, settings or another argument.
+    Input,
+    /// A combination of scene, method and device that is not served.
+    Unsupported,
+    /// Memory of the host or of a device.
+    Memory,
+    /// A device, its driver or the system.
+    Device,
+    /// A file.
+    File,
+    /// The observer asked to stop.
+    Cancelled,
+}
+
+/// Why something failed. Messages name the file, the place and the remedy; [`Error::kind`] says what to do about it.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum Error {
     /// A device or a plan.
     #[error(transparent)]
@@ -22,8 +41,8 @@ pub enum Error {
     Photons(transport::Error),
     /// A medium between surfaces, of which form factors know nothing.
     #[error(
-        "{what} goes by form factors, which know nothing of the medium that absorbs light between the surfaces of the scene; choose \
-         firstshot, whose photons do, path trace the scene, or leave the medium out"
+        "{what} goes by form factors, which know nothing of the medium that absorbs light between the surfaces of the \
+         scene; choose firstshot, whose photons do, path trace the scene, or leave the medium out"
     )]
     Medium {
         /// The unsuitable feature.
@@ -58,8 +77,8 @@ pub enum Error {
     Local(#[from] localmatrix::Error),
     /// Matrices that would not fit into memory.
     #[error(
-        "the operator of {patches} patches takes {needed:.1} GB while it is made, and {available:.1} GB are free; choose \
-         fewer patches, or {instead}"
+        "the operator of {patches} patches takes {needed:.1} GB while it is made, and {available:.1} GB are free; \
+         choose fewer patches, or {instead}"
     )]
     OperatorMemory {
         /// The patches.
@@ -82,8 +101,8 @@ pub enum Error {
     },
     /// Texture blocks that make a wider image than the device takes.
     #[error(
-        "blocks of {patches} patches are an image as wide, {device} takes at most {limit} texels (maxImageDimension2D); \
-         let the kernel decode them, or choose fewer patches"
+        "blocks of {patches} patches are an image as wide, {device} takes at most {limit} texels \
+         (maxImageDimension2D); let the kernel decode them, or choose fewer patches"
     )]
     WideBlocks {
         /// The device.
@@ -95,8 +114,8 @@ pub enum Error {
     },
     /// A limit that is too small for panels of an operator.
     #[error(
-        "the operator of {patches} patches takes {needed} MB beside the form factors even when it is built panel by panel, and \
-         {left} MB are left; allow more memory, or choose fewer patches, or progressive feedback"
+        "the operator of {patches} patches takes {needed} MB beside the form factors even when it is built panel by \
+         panel, and {left} MB are left; allow more memory, or choose fewer patches, or progressive feedback"
     )]
     OperatorPanels {
         /// The patches.
@@ -108,8 +127,8 @@ pub enum Error {
     },
     /// A device on which an operator does not fit while it is built.
     #[error(
-        "the operator of {patches} patches takes {needed:.1} GB of {device} while it is built: {source}; build it on the host, or \
-         choose fewer patches"
+        "the operator of {patches} patches takes {needed:.1} GB of {device} while it is built: {source}; build it on \
+         the host, or choose fewer patches"
     )]
     DeviceMemory {
         /// The patches.
@@ -123,7 +142,8 @@ pub enum Error {
     },
     /// Texture blocks without their encoder.
     #[error(
-        "this build cannot make texture blocks ({codec}): choose another codec, or build with the feature `texture-blocks`"
+        "this build cannot make texture blocks ({codec}): choose another codec, or build with the feature \
+         `texture-blocks`"
     )]
     NoBlockEncoder {
         /// The codec.
@@ -162,7 +182,8 @@ pub enum Error {
     },
     /// Patches that are not bound to voxels cannot be receivers.
     #[error(
-        "only voxel and axis patches can be receivers themselves, {patches} patches cannot; choose those, or receivers on the mesh"
+        "only voxel and axis patches can be receivers themselves, {patches} patches cannot; choose those, or \
+         receivers on the mesh"
     )]
     PatchesAsReceivers {
         /// The kind of patches.
@@ -195,7 +216,8 @@ pub enum Error {
         limit: u64,
     },
     /// The settings ask for more than fits into memory.
-    #[error("{what} would take about {:.1} GB, and {:.1} GB are free or allowed; {remedy}", needed * 1e-9, *free as f64 * 1e-9)]
+    #[error("{what} would take about {:.1} GB, and {:.1} GB are free or allowed; \
+         {remedy}", needed * 1e-9, *free as f64 * 1e-9)]
     TooLarge {
         /// Name of the table.
         what: String,
@@ -226,8 +248,8 @@ pub enum Error {
     },
     /// A caller's direct light was in a buffer that an update has replaced by a larger one.
     #[error(
-        "the buffer with the direct light of the samples is another one now: ask LightField::buffers for it, write the light \
-         there, and call LightField::set_sample_light again"
+        "the buffer with the direct light of the samples is another one now: ask LightField::buffers for it, write \
+         the light there, and call LightField::set_sample_light again"
     )]
     SampleLightLost,
     /// An albedo for another number of materials.
@@ -240,7 +262,8 @@ pub enum Error {
     },
     /// An albedo that no material has.
     #[error(
-        "material {material} is to reflect {value}; give shares from 0 to {}, and no more than its mirror and transmittance leave",
+        "material {material} is to reflect {value}; give shares from 0 to {}, and no more than its mirror and \
+         transmittance leave",
         crate::albedo::MAX_ALBEDO
     )]
     AlbedoValue {
@@ -261,13 +284,16 @@ pub enum Error {
     },
     /// A method whose operator holds the albedo of the bake.
     #[error(
-        "the operator of {method} holds the albedo of the bake; choose classic, feedback, temporal or firstshot, set the \
-         albedo back, or bake the scene with another one"
+        "the operator of {method} holds the albedo of the bake; choose classic, feedback, temporal or firstshot, set \
+         the albedo back, or bake the scene with another one"
     )]
     AlbedoHeld {
         /// The method.
         method: &'static str,
     },
+    /// The system gives no thread for a bake in the background.
+    #[error("cannot start a thread: {0}; bake without one")]
+    Thread(#[source] std::io::Error),
     /// The user asked to stop.
     #[error("stopped")]
     Cancelled,
@@ -283,6 +309,33 @@ impl From<runtime::recipe::localmatrix::CopyError> for Error {
 }
 
 impl Error {
+    /// Kind of the error.
+    pub fn kind(&self) -> ErrorKind {
+        match self {
+            _ if self.is_cancelled() => ErrorKind::Cancelled,
+            Self::Executor(error) if error.is_out_of_memory() => ErrorKind::Memory,
+            Self::OperatorMemory { .. }
+            | Self::OperatorPanels { .. }
+            | Self::DeviceMemory { .. }
+            | Self::MemoryLimit { .. }
+            | Self::TooLarge { .. } => ErrorKind::Memory,
+            Self::Executor(_) | Self::Thread(_) => ErrorKind::Device,
+            Self::Write { .. } | Self::Json(_) | Self::Probes { .. } | Self::Bake(_) | Self::OtherScene { .. } => {
+                ErrorKind::File
+            }
+            Self::Medium { .. }
+            | Self::MediumReceivers
+            | Self::FirstShotReceivers
+            | Self::OutputReceivers
+            | Self::PatchesAsReceivers { .. }
+            | Self::NoTextureUnit { .. }
+            | Self::WideBlocks { .. }
+            | Self::NoBlockEncoder { .. }
+            | Self::AlbedoHeld { .. } => ErrorKind::Unsupported,
+            _ => ErrorKind::Input,
+        }
+    }
+
     /// Returns true if the observer asked to stop.
     pub fn is_cancelled(&self) -> bool {
         match self {

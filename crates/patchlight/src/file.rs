@@ -209,7 +209,8 @@ impl Bake {
             Some(StoredReceivers { receivers, energy }) => Bake { receivers, energy, ..patches.bake().clone() },
             None => {
                 let bake = patches.with_receivers_by(&settings.bake, rays, observer)?;
-                let (receivers, energy) = (bake.receivers.clone(), bake.energy);
+                let receivers = bake.receivers.clone();
+                let energy = bake.energy;
                 writer.put(Kind::Receivers, &StoredReceivers { receivers, energy })?;
                 bake
             }
@@ -240,7 +241,10 @@ impl Bake {
         let head: Head = sections.read(sections.of(Kind::Origin)?)?;
         let places = [Kind::Scene, Kind::Patches, Kind::FormFactors, Kind::Receivers].map(|kind| sections.of(kind));
         let [scene, mesh, factors, receivers] = places;
-        let (scene, mesh, factors, receivers) = (scene?, mesh?, factors?, receivers?);
+        let scene = scene?;
+        let mesh = mesh?;
+        let factors = factors?;
+        let receivers = receivers?;
         let ((scene, operators), (mesh, (factors, receivers))) = rayon::join(
             || {
                 let scene = sections.read::<StoredScene>(scene).map_err(Error::from);
@@ -329,7 +333,8 @@ fn write_patches<'a>(
 fn check(bake: &Bake) -> Result<(), Error> {
     let Bake { scene, mesh, form_factors, receivers, operators, .. } = bake;
     mesh.check(scene.geometry.triangles.len())?;
-    let (patches, elements) = (mesh.patches.len(), mesh.elements.len());
+    let patches = mesh.patches.len();
+    let elements = mesh.elements.len();
     form_factors.factors.check()?;
     check_length("form factors", patches, form_factors.factors.rows)?;
     check_length("columns of form factors", patches, form_factors.factors.columns)?;

@@ -82,7 +82,8 @@ impl Device<'_> {
         let (walks, stops) = load_scene(self.executor, scene, |plan, tables| {
             Ok((Walks::add(plan, tables, scene)?, RayStops::add(plan, tables)?))
         })?;
-        let (geometry, lighting) = (Arc::clone(&scene.geometry), scene.lighting.clone());
+        let geometry = Arc::clone(&scene.geometry);
+        let lighting = scene.lighting.clone();
         self.loaded = Some(Loaded { geometry, lighting, walks, stops });
         Ok((walks, stops))
     }

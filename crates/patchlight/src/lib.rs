@@ -1,7 +1,8 @@
 //! Diffuse global illumination by radiosity, as a library: bake a scene once, light it in every frame.
 //!
 //! [`Bake::build`] cuts a scene into patches and elements, estimates their form factors and places receivers;
-//! [`Bake::build_into`] keeps all of it in a file, which [`Bake::open`] has ready in a moment. There are two doors to
+//! [`Bake::start`] does so in the background, and [`Bake::build_into`] keeps all of it in a file, which [`Bake::open`]
+//! has ready in a moment. There are two doors to
 //! its light:
 //!
 //! - A [`LightField`] puts a bake on an executor: native code, a Vulkan device of its own, or one that is borrowed from
@@ -30,7 +31,7 @@
 //! use patchlight::{Bake, BakeSettings, Cpu, LightField, LightSettings, PictureRenderer, PictureSettings, Silent};
 //!
 //! let loaded = patchlight_assets::load_or_build("cornell")?;
-//! let settings = BakeSettings { patch_count: 200, receiver_density: 0.2, ..BakeSettings::default() };
+//! let settings = BakeSettings::default().with_patch_count(200).with_receiver_density(0.2);
 //! let bake = Arc::new(Bake::build(&loaded.scene, &settings, &Silent)?);
 //! let mut light = LightField::new(bake, Box::new(Cpu::new()), &LightSettings::default(), &Silent)?;
 //! let mut lighting = loaded.scene.lighting.clone();
@@ -55,6 +56,7 @@ pub mod energy;
 pub mod error;
 pub mod file;
 pub mod form_factors;
+pub mod job;
 pub mod light;
 pub mod low_level;
 pub mod memory;
@@ -65,14 +67,16 @@ pub mod picture;
 pub mod pictures;
 mod pixels;
 pub mod points;
+mod settings;
 pub mod world;
 
 pub use albedo::{Albedo, MAX_ALBEDO};
 pub use bake::{Bake, BakeSettings, PatchBake, ReceiverKind};
 pub use energy::{EnergyCheck, MeanRatio};
-pub use error::{Error, Result};
+pub use error::{Error, ErrorKind, Result};
 pub use file::{BakeFile, FileSettings, Origin};
 pub use form_factors::{Estimator, FormFactors};
+pub use job::{BakeJob, BakeProgress};
 pub use light::{LightField, LightSettings, LightUpdate, ReceiverBuffers, SampleLight};
 pub use low_level::frame::{FrameInput, FramePlan};
 pub use low_level::operator::{Build, BuildOn, Codec, Decode};
@@ -93,4 +97,4 @@ pub use scene::{
     Camera, Flux, Intensity, Irradiance, Light, LightId, Lighting, Material, MaterialId, Mesh, Radiance, Scene,
     SceneBuilder, SurfacePoint, TextureId,
 };
-pub use {glam, runtime, scene, transport};
+pub use {glam, rayon, runtime, scene, transport};

@@ -29,6 +29,7 @@ use crate::method::firstshot::go_on;
 use crate::method::{Method, MethodReport, MethodSettings, Preparation};
 use crate::observe::warn_of_specular_materials;
 use crate::points::PointTables;
+use crate::settings::setters;
 
 /// Rays of a row of [`LightField::irradiance_at`].
 const POINT_RAYS: u32 = 4096;
@@ -87,42 +88,18 @@ impl Default for LightSettings {
     }
 }
 
-impl LightSettings {
+setters!(LightSettings {
     /// With a method for light between patches.
-    #[must_use]
-    pub fn with_method(mut self, method: MethodSettings) -> Self {
-        self.method = method;
-        self
-    }
-
+    with_method(method: MethodSettings);
     /// With a decoder of operators in texture blocks.
-    #[must_use]
-    pub fn with_decode(mut self, decode: Decode) -> Self {
-        self.decode = decode;
-        self
-    }
-
+    with_decode(decode: Decode);
     /// With a place where operators are built.
-    #[must_use]
-    pub fn with_build(mut self, build: Build) -> Self {
-        self.build = build;
-        self
-    }
-
+    with_build(build: Build);
     /// With an initial position of the viewer, m.
-    #[must_use]
-    pub fn with_eye(mut self, eye: Vec3) -> Self {
-        self.eye = eye;
-        self
-    }
-
+    with_eye(eye: Vec3);
     /// With so many rays for each hemisphere of a point of one's own.
-    #[must_use]
-    pub fn with_point_rays(mut self, rays: u32) -> Self {
-        self.point_rays = rays;
-        self
-    }
-}
+    with_point_rays(point_rays: u32);
+});
 
 /// Report of a light update.
 #[derive(Clone, Debug, Default, PartialEq)]

@@ -15,9 +15,9 @@ pub fn run_phase<T>(observer: &dyn Observer, phase: Phase, work: impl FnOnce(&Re
 pub fn warn_of_specular_materials(scene: &Scene, observer: &dyn Observer) {
     if let Some(material) = scene.specular_material() {
         observer.warn(&format!(
-            "material {material} of the scene mirrors light or lets it through: pictures show what is seen in mirrors and through glass, \
-             but form factors know the diffuse part alone, so light that comes to other surfaces that way is missing; photons and path \
-             tracing find it"
+            "material {material} of the scene mirrors light or lets it through: pictures show what is seen in mirrors \
+             and through glass, but form factors know the diffuse part alone, so light that comes to other surfaces \
+             that way is missing; photons and path tracing find it"
         ));
     }
 }

@@ -165,7 +165,8 @@ pub fn on_view(field: &mut LightField, camera: &Camera, part: LightPart) -> Resu
     let scene = field.scene();
     let tables = scene.tables();
     let seen = |pixel: u32| {
-        let (x, y) = (pixel % camera.width, pixel / camera.width);
+        let x = pixel % camera.width;
+        let y = pixel / camera.width;
         let direction = camera_direction(camera, x as f32 + 0.5, y as f32 + 0.5).normalize_or_zero();
         let hit = scene.closest_before(camera.eye, direction, FAR);
         let point = surface_point(&tables, hit, direction);

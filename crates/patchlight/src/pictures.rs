@@ -19,6 +19,7 @@ use crate::low_level::stage::{display, shade, sky, view};
 use crate::method::MethodSettings;
 use crate::picture::{Picture, Pictures};
 use crate::pixels::PixelGather;
+use crate::settings::setters;
 
 /// Which receivers a light update computes. What is computed is the same.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -52,35 +53,16 @@ impl Default for PictureSettings {
     }
 }
 
-impl PictureSettings {
+setters!(PictureSettings {
     /// With a picture size, pixels.
-    #[must_use]
-    pub fn with_size(mut self, size: (u32, u32)) -> Self {
-        self.size = size;
-        self
-    }
-
+    with_size(size: (u32, u32));
     /// With so many sub-frames a picture.
-    #[must_use]
-    pub fn with_sub_frames(mut self, sub_frames: u32) -> Self {
-        self.sub_frames = sub_frames;
-        self
-    }
-
+    with_sub_frames(sub_frames: u32);
     /// With the receivers that a light update computes.
-    #[must_use]
-    pub fn with_receivers(mut self, receivers: ReceiverUpdate) -> Self {
-        self.receivers = receivers;
-        self
-    }
-
+    with_receivers(receivers: ReceiverUpdate);
     /// With a method for direct light of large sources at pixels.
-    #[must_use]
-    pub fn with_direct(mut self, direct: PixelLight) -> Self {
-        self.direct = direct;
-        self
-    }
-}
+    with_direct(direct: PixelLight);
+});
 
 /// A rendered frame.
 pub struct FrameResult {

@@ -34,7 +34,8 @@ pub struct PixelGather<'a> {
 impl PixelGather<'_> {
     /// Indirect radiance of the pixels, W/m²/sr: each visible point asks for light of its own, in every sub-frame.
     pub fn indirect(&self) -> Result<Picture, Error> {
-        let (width, height) = (self.camera.width, self.camera.height);
+        let width = self.camera.width;
+        let height = self.camera.height;
         let mut sums = vec![Vec3::ZERO; width as usize * height as usize];
         for k in 0..self.sub_frames {
             self.add(k, &mut sums)?;

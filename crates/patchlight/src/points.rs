@@ -244,7 +244,8 @@ impl LightField {
     /// # Errors
     /// What the device says.
     pub fn try_read(&mut self, set: PointSet) -> Result<Option<&PointLight>, Error> {
-        let (is_lit, number) = (self.is_lit(), self.last_update());
+        let is_lit = self.is_lit();
+        let number = self.last_update();
         let Some(index) = self.points.iter().position(|points| points.set == set) else { return Ok(None) };
         if !self.points[index].is_read {
             self.points[index].is_read = true;

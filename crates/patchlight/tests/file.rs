@@ -24,7 +24,7 @@ fn temporal() -> MethodSettings {
 }
 
 fn settings(seed: u32) -> FileSettings {
-    let bake = BakeSettings { patch_count: 150, receiver_density: 0.1, receiver_rays: 64, seed, ..<_>::default() };
+    let bake = (<_>::default()).with_patch_count(150).with_receiver_density(0.1).with_receiver_rays(64).with_seed(seed);
     let origin = Origin { scene: "cornell".to_owned(), scene_hash: [7; 32], application: b"{}".to_vec() };
     FileSettings { origin, bake, methods: vec![TILES, DENSE, temporal()], build: Build::default() }
 }
@@ -79,7 +79,7 @@ fn a_bake_from_a_file_gives_the_same_light() {
     for method in [TILES, DENSE, temporal(), MethodSettings::Classic] {
         assert!(light(&opened, method, &NoOperator) == light(&built, method, &Silent), "{method:?}");
     }
-    let other = FileSettings { bake: BakeSettings { seed: 2, ..settings.bake }, ..settings };
+    let other = FileSettings { bake: settings.bake.with_seed(2), ..settings };
     let other = Arc::new(bake_into(&folder.path().join("other.bake"), &other, &Silent).unwrap());
     assert!(light(&other, TILES, &Silent) != light(&built, TILES, &Silent));
 }

@@ -19,7 +19,7 @@ use scene::{
 /// The Cornell box with the light of its lamp.
 fn lit(receivers: ReceiverKind) -> (PictureRenderer, Arc<Bake>) {
     let loaded = procedural::build("cornell").unwrap();
-    let settings = BakeSettings { patch_count: 200, receivers, receiver_rays: 256, ..BakeSettings::default() };
+    let settings = BakeSettings::default().with_patch_count(200).with_receivers(receivers).with_receiver_rays(256);
     let bake = Arc::new(Bake::build(&loaded.scene, &settings, &Silent).unwrap());
     let light = LightSettings::default();
     let pictures = PictureSettings::default().with_size((1, 1)).with_sub_frames(1);
@@ -60,7 +60,8 @@ fn a_lightmap_has_the_light_that_rays_from_its_texels_gather() {
 fn the_full_light_is_the_direct_more() {
     let (mut renderer, bake) = lit(ReceiverKind::Mesh);
     let corners = |renderer: &mut PictureRenderer, part| at_corners(renderer.light_mut(), part, true).unwrap();
-    let (full, indirect) = (corners(&mut renderer, LightPart::Full), corners(&mut renderer, LightPart::Indirect));
+    let full = corners(&mut renderer, LightPart::Full);
+    let indirect = corners(&mut renderer, LightPart::Indirect);
     let sides = lit_sides(renderer.light().bake());
     let mut brighter = 0;
     for ((full, indirect), side) in full.iter().zip(&indirect).zip(&sides) {
@@ -96,7 +97,8 @@ fn probes_from_files_give_the_light_of_the_volume() {
         assert!(expected.min_element() > 0.0 && (smooth - expected).abs().max_element() < 0.3 * expected.max_element());
     }
     // Red light comes from the red wall, green from the green one.
-    let (left, right) = (read.irradiance(middle, Vec3::NEG_X), read.irradiance(middle, Vec3::X));
+    let left = read.irradiance(middle, Vec3::NEG_X);
+    let right = read.irradiance(middle, Vec3::X);
     assert!((left.x / left.y - right.x / right.y).abs() > 0.2, "{left} {right}");
 }
 
@@ -153,7 +155,7 @@ fn planes_under_a_lamp_have_the_illuminance_of_the_closed_form() {
         ..SceneParts::default()
     })
     .unwrap();
-    let settings = BakeSettings { patch_count: 16, receiver_rays: 64, ..BakeSettings::default() };
+    let settings = BakeSettings::default().with_patch_count(16).with_receiver_rays(64);
     let bake = Bake::build(&scene, &settings, &Silent).unwrap();
     let light = LightSettings::default();
     let pictures = PictureSettings::default().with_size((1, 1)).with_sub_frames(1);

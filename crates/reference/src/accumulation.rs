@@ -88,7 +88,8 @@ pub struct Accumulation {
 impl Accumulation {
     /// Nothing yet, for the picture of `camera`.
     pub fn new(camera: &Camera, settings: PathSettings) -> Self {
-        let (width, height) = (camera.width, camera.height);
+        let width = camera.width;
+        let height = camera.height;
         let pixels = vec![PixelSums::default(); width as usize * height as usize];
         Self { width, height, samples: 0, settings, pixels }
     }
@@ -167,7 +168,8 @@ impl Accumulation {
             if mean <= least {
                 continue;
             }
-            let (x, y) = (k as u32 % means.width * BLOCK_EDGE, k as u32 / means.width * BLOCK_EDGE);
+            let x = k as u32 % means.width * BLOCK_EDGE;
+            let y = k as u32 / means.width * BLOCK_EDGE;
             let mut variance = 0.0;
             for row in y..y + BLOCK_EDGE {
                 let first = (row * self.width + x) as usize;
@@ -179,7 +181,8 @@ impl Accumulation {
         if errors.is_empty() {
             return None;
         }
-        let (median, p90) = (quantile(&mut errors, 0.5), quantile(&mut errors, 0.9));
+        let median = quantile(&mut errors, 0.5);
+        let p90 = quantile(&mut errors, 0.9);
         Some(BlockErrors { median, p90, max: quantile(&mut errors, 1.0) })
     }
 
@@ -237,7 +240,9 @@ impl Accumulation {
         if version != VERSION {
             return Err(ResumeError::Version { found: version, supported: VERSION });
         }
-        let (width, height, samples) = (word(1)?, word(2)?, word(3)?);
+        let width = word(1)?;
+        let height = word(2)?;
+        let samples = word(3)?;
         let content = u64::from(width) * u64::from(height) * size_of::<PixelSums>() as u64;
         let expected = (HEADER + CHECKSUM) as u64 + content;
         if bytes.len() as u64 != expected {

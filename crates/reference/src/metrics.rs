@@ -94,7 +94,8 @@ pub fn compare_pictures(
     check(ours, reference, mask)?;
     let inside = |k: usize| mask.is_none_or(|m| m[k]);
 
-    let (blocks_ours, blocks_reference) = (ours.block_means(BLOCK_EDGE), reference.block_means(BLOCK_EDGE));
+    let blocks_ours = ours.block_means(BLOCK_EDGE);
+    let blocks_reference = reference.block_means(BLOCK_EDGE);
     let blocks: Vec<usize> =
         (0..blocks_ours.pixels.len()).filter(|k| mask.is_none_or(|m| is_whole_block(m, ours.width, *k))).collect();
     if blocks.is_empty() {
@@ -102,7 +103,9 @@ pub fn compare_pictures(
     }
     let block_median_relative_error = block_median(&blocks_ours, &blocks_reference, &blocks, scale);
 
-    let (mut sum_ours, mut sum_reference, mut count) = (0.0, 0.0, 0u64);
+    let mut sum_ours = 0.0;
+    let mut sum_reference = 0.0;
+    let mut count = 0u64;
     for k in (0..ours.pixels.len()).filter(|k| inside(*k)) {
         sum_ours += f64::from(luminance(ours.pixels[k]));
         sum_reference += f64::from(luminance(reference.pixels[k]));
@@ -113,7 +116,8 @@ pub fn compare_pictures(
         false => 1.0 + f64::from(scale) * sum_ours / count.max(1) as f64,
     };
 
-    let (shown_ours, shown_reference) = (ours.displayed(scale), reference.displayed(scale));
+    let shown_ours = ours.displayed(scale);
+    let shown_reference = reference.displayed(scale);
     let mse = mean_squared(&shown_ours, &shown_reference, (0..ours.pixels.len()).filter(|k| inside(*k)));
     let block_mse =
         mean_squared(&blocks_ours.displayed(scale), &blocks_reference.displayed(scale), blocks.iter().copied());
@@ -150,7 +154,8 @@ pub fn point_errors(ours: &[Vec3], reference: &[Vec3]) -> Result<Vec<f64>, Error
     }
     let least = DARK_POINT * sum / reference.len() as f64;
     let error = |(o, r): (&Vec3, &Vec3)| {
-        let (o, r) = (f64::from(luminance(*o)), f64::from(luminance(*r)));
+        let o = f64::from(luminance(*o));
+        let r = f64::from(luminance(*r));
         (o - r).abs() / r.max(least)
     };
     Ok(ours.iter().zip(reference).map(error).collect())
@@ -189,7 +194,8 @@ pub fn absolute_difference_picture(ours: &Picture, reference: &Picture, gain: f3
 pub fn difference_picture(ours: &Picture, reference: &Picture, range: f32) -> Result<Picture, Error> {
     let least = (DARK_POINT as f32 * luminance(reference.mean())).max(f32::MIN_POSITIVE);
     let picture = ours.combine(reference, |o, r| {
-        let (o, r) = (luminance(o), luminance(r));
+        let o = luminance(o);
+        let r = luminance(r);
         let x = ((o - r) / r.max(least) / range).clamp(-1.0, 1.0);
         let rest = 1.0 - x.abs();
         if x > 0.0 { Vec3::new(1.0, rest, rest) } else { Vec3::new(rest, rest, 1.0) }
@@ -243,8 +249,11 @@ fn check_finite(which: &'static str, values: &[Vec3]) -> Result<(), Error> {
 }
 
 fn is_whole_block(mask: &[bool], width: u32, block: usize) -> bool {
-    let (columns, edge, width) = ((width / BLOCK_EDGE) as usize, BLOCK_EDGE as usize, width as usize);
-    let (x, y) = (block % columns * edge, block / columns * edge);
+    let columns = (width / BLOCK_EDGE) as usize;
+    let edge = BLOCK_EDGE as usize;
+    let width = width as usize;
+    let x = block % columns * edge;
+    let y = block / columns * edge;
     (y..y + edge).all(|row| mask[row * width + x..row * width + x + edge].iter().all(|m| *m))
 }
 
@@ -261,7 +270,8 @@ fn block_median(ours: &Picture, reference: &Picture, blocks: &[usize], scale: f3
 }
 
 fn mean_squared(a: &Picture, b: &Picture, pixels: impl Iterator<Item = usize>) -> f64 {
-    let (mut sum, mut count) = (0.0, 0u64);
+    let mut sum = 0.0;
+    let mut count = 0u64;
     for k in pixels {
         sum += f64::from((a.pixels[k] - b.pixels[k]).length_squared());
         count += 3;
@@ -281,23 +291,33 @@ fn flip_values(ours: &Picture, reference: &Picture, scale: f32) -> FlipImageFloa
 
 /// Mean structural similarity of two displayed pictures.
 fn ssim(a: &Picture, b: &Picture, mask: Option<&[bool]>) -> Result<f64, Error> {
-    let (width, height) = (a.width as usize, a.height as usize);
+    let width = a.width as usize;
+    let height = a.height as usize;
     let luma = |p: &Picture| p.pixels.iter().map(|v| f64::from(luminance(*v))).collect::<Vec<_>>();
-    let (x, y) = (luma(a), luma(b));
+    let x = luma(a);
+    let y = luma(b);
     let product = |p: &[f64], q: &[f64]| p.iter().zip(q).map(|(p, q)| p * q).collect::<Vec<_>>();
     let filtered = |values: &[f64]| filter_gaussian(values, width);
-    let (mx, my) = (filtered(&x), filtered(&y));
-    let (xx, yy, xy) = (filtered(&product(&x, &x)), filtered(&product(&y, &y)), filtered(&product(&x, &y)));
-    let (c1, c2) = (0.01f64.powi(2), 0.03f64.powi(2));
-    let (columns, half) = (width - SSIM_WINDOW + 1, SSIM_WINDOW / 2);
+    let mx = filtered(&x);
+    let my = filtered(&y);
+    let xx = filtered(&product(&x, &x));
+    let yy = filtered(&product(&y, &y));
+    let xy = filtered(&product(&x, &y));
+    let c1 = 0.01f64.powi(2);
+    let c2 = 0.03f64.powi(2);
+    let columns = width - SSIM_WINDOW + 1;
+    let half = SSIM_WINDOW / 2;
     debug_assert_eq!(mx.len(), columns * (height - SSIM_WINDOW + 1));
-    let (mut sum, mut count) = (0.0, 0u64);
+    let mut sum = 0.0;
+    let mut count = 0u64;
     for k in 0..mx.len() {
         let centre = (k / columns + half) * width + k % columns + half;
         if mask.is_some_and(|m| !m[centre]) {
             continue;
         }
-        let (vx, vy, cov) = (xx[k] - mx[k] * mx[k], yy[k] - my[k] * my[k], xy[k] - mx[k] * my[k]);
+        let vx = xx[k] - mx[k] * mx[k];
+        let vy = yy[k] - my[k] * my[k];
+        let cov = xy[k] - mx[k] * my[k];
         sum += (2.0 * mx[k] * my[k] + c1) * (2.0 * cov + c2) / ((mx[k] * mx[k] + my[k] * my[k] + c1) * (vx + vy + c2));
         count += 1;
     }

@@ -167,7 +167,8 @@ impl<'a> PathTracer<'a> {
                 camera: (camera.width, camera.height),
             });
         }
-        let (width, settings) = (camera.width as usize, accumulation.settings);
+        let width = camera.width as usize;
+        let settings = accumulation.settings;
         let guide = self.guide(settings, |k, sampler| {
             let pixel =
                 (f64::from(hash3(k, 0, settings.seed)) / 2f64.powi(32) * accumulation.pixels.len() as f64) as u32;
@@ -184,7 +185,8 @@ impl<'a> PathTracer<'a> {
                 if progress(sample, target).is_break() {
                     return false;
                 }
-                let (first, rows) = (band * width * BAND_ROWS, pixels.len() / width);
+                let first = band * width * BAND_ROWS;
+                let rows = pixels.len() / width;
                 // Column by column, so that neighbouring rays follow each other.
                 for x in 0..width {
                     for y in 0..rows {
@@ -353,7 +355,8 @@ impl<'a> PathTracer<'a> {
             return Onward { weight: albedo, radiance_ratio: 1.0, ray: None };
         }
         let parts = specular_parts(&self.geometry, hit.triangle, direction);
-        let (diffuse, mirrored) = (albedo.max_element(), parts.mirrored.max_element());
+        let diffuse = albedo.max_element();
+        let mirrored = parts.mirrored.max_element();
         let all = diffuse + mirrored + parts.refracted.max_element();
         if all <= 0.0 {
             return Onward { weight: Vec3::ZERO, radiance_ratio: 1.0, ray: None };
@@ -378,7 +381,8 @@ impl<'a> PathTracer<'a> {
     /// Hit of a ray through a random place of the pixel, and its unit direction.
     fn camera_hit(&self, camera: &Camera, pixel: u32, sampler: &mut Sampler) -> (Hit, Vec3) {
         let (dx, dy) = sampler.next();
-        let (x, y) = ((pixel % camera.width) as f32 + dx, (pixel / camera.width) as f32 + dy);
+        let x = (pixel % camera.width) as f32 + dx;
+        let y = (pixel / camera.width) as f32 + dy;
         let direction = camera_direction(camera, x, y).normalize();
         (self.scene.closest_before(camera.eye, direction, FAR), direction)
     }
@@ -451,7 +455,8 @@ impl<'a> PathTracer<'a> {
         let y = &lit[k.min(lit.len() - 1)];
         let to = y.position + y.normal * self.scene.geometry.ray_offset - origin;
         let squared = to.length_squared();
-        let (here, there) = (to.dot(normal), -to.dot(y.normal));
+        let here = to.dot(normal);
+        let there = -to.dot(y.normal);
         if !(here > 0.0 && there > 0.0) || y.flux == Vec3::ZERO || self.scene.occluded(origin, to, 1.0) {
             return Vec3::ZERO;
         }
@@ -502,7 +507,8 @@ impl<'a> PathTracer<'a> {
         shared: &Shared,
         sampler: &mut Sampler,
     ) -> Vec3 {
-        let (normal, strategy) = (point.normal, shared.settings.strategy);
+        let normal = point.normal;
+        let strategy = shared.settings.strategy;
         let mut sum = Vec3::ZERO;
         for (slot, light) in self.lights.lights.iter().enumerate() {
             let mut irradiance = self.single_light(light, origin, normal, sampler);
@@ -582,7 +588,8 @@ impl<'a> PathTracer<'a> {
         let to = self.geometry.position(e.triangle, u, v) + n * self.scene.geometry.ray_offset - origin;
         let squared = to.length_squared();
         let inverse = 1.0 / squared.sqrt();
-        let (here, there) = (to.dot(normal) * inverse, -to.dot(n) * inverse);
+        let here = to.dot(normal) * inverse;
+        let there = -to.dot(n) * inverse;
         if !(here > 0.0 && there > 0.0)
             || self.geometry.is_hole(e.triangle, u, v)
             || self.scene.occluded(origin, to, 1.0)

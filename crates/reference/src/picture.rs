@@ -54,7 +54,8 @@ impl PictureFile for Picture {
         // Compiled in `image` once, where a reader of our own would be compiled here again with every decoder.
         let decoded = image::load_from_memory(&bytes).map_err(|e| failed(e.to_string()))?;
         let linear = matches!(decoded.color(), ColorType::Rgb32F | ColorType::Rgba32F);
-        let (width, height) = (decoded.width(), decoded.height());
+        let width = decoded.width();
+        let height = decoded.height();
         let mut pixels: Vec<Vec3> = decoded.to_rgb32f().pixels().map(|p| Vec3::from_array(p.0)).collect();
         if !linear {
             pixels.par_iter_mut().for_each(|p| *p = p.map(decode_srgb));

@@ -59,11 +59,14 @@ mod tests {
 
     #[test]
     fn streams_and_dimensions_are_independent() {
-        let (mut same, mut other, mut mean) = (0.0f64, 0.0f64, 0.0f64);
+        let mut same = 0.0f64;
+        let mut other = 0.0f64;
+        let mut mean = 0.0f64;
         let count = 1 << 14;
         for stream in 0..count {
             let mut sampler = Sampler::new(stream, 5, 3);
-            let (a, b) = (sampler.next(), sampler.next());
+            let a = sampler.next();
+            let b = sampler.next();
             mean += f64::from(a.0) / f64::from(count);
             same += (f64::from(a.0) - 0.5) * (f64::from(b.0) - 0.5) / f64::from(count);
             let neighbour = Sampler::new(stream + 1, 5, 3).next();

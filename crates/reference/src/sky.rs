@@ -20,7 +20,8 @@ pub(crate) struct SkyDistribution {
 impl SkyDistribution {
     /// `None` without a map, or with a black one.
     pub(crate) fn new(lights: &Lights) -> Option<Self> {
-        let (width, height) = (lights.sky.map_width as usize, lights.sky.map_height as usize);
+        let width = lights.sky.map_width as usize;
+        let height = lights.sky.map_height as usize;
         if width == 0 || height == 0 {
             return None;
         }
@@ -30,11 +31,13 @@ impl SkyDistribution {
         let mut columns = Vec::with_capacity(width * height);
         let mut total = 0.0f64;
         for y in 0..height {
-            let (up, down) = (y.saturating_sub(1), (y + 1).min(height - 1));
+            let up = y.saturating_sub(1);
+            let down = (y + 1).min(height - 1);
             let mut sum = 0.0f64;
             let mut sums = Vec::with_capacity(width);
             for x in 0..width {
-                let (left, right) = ((x + width - 1) % width, (x + 1) % width);
+                let left = (x + width - 1) % width;
+                let right = (x + 1) % width;
                 for v in [up, y, down] {
                     for u in [left, x, right] {
                         sum += light(u, v).max(0.0);
@@ -64,7 +67,8 @@ impl SkyDistribution {
     pub(crate) fn density(&self, direction: Vec3) -> f32 {
         let x = (0.5 + atan2(direction.x, -direction.z) * (0.5 / PI)) * self.width as f32;
         let y = acos(direction.y) * (1.0 / PI) * self.height as f32;
-        let (column, row) = ((x as usize).min(self.width - 1), (y as usize).min(self.height - 1));
+        let column = (x as usize).min(self.width - 1);
+        let row = (y as usize).min(self.height - 1);
         let columns = &self.columns[row * self.width..(row + 1) * self.width];
         let sin = (1.0 - direction.y * direction.y).max(0.0).sqrt();
         self.density_of(share(&self.rows, row) * share(columns, column), sin)
@@ -77,7 +81,8 @@ impl SkyDistribution {
 
 /// Cumulative sums divided by the last, which becomes exactly 1; equal shares when all are 0.
 fn normalised(sums: &[f64]) -> impl Iterator<Item = f32> + '_ {
-    let (last, count) = (sums[sums.len() - 1], sums.len());
+    let last = sums[sums.len() - 1];
+    let count = sums.len();
     sums.iter().enumerate().map(move |(k, s)| match last > 0.0 {
         _ if k + 1 == count => 1.0,
         true => (s / last) as f32,
@@ -116,7 +121,8 @@ mod tests {
         let lights = Lights { lights: &[], emitters: &[], sky, sky_map: &map, distributions: &[] };
         let distribution = SkyDistribution::new(&lights).expect("the map is not black");
         let count = 1 << 16;
-        let (mut sphere, mut differing) = (0.0f64, 0u32);
+        let mut sphere = 0.0f64;
+        let mut differing = 0u32;
         for k in 0..count {
             let (direction, density) = distribution.sample(hammersley(k, count, (0, 0)));
             assert!((direction.length() - 1.0).abs() < 1e-5);

@@ -118,7 +118,9 @@ impl SunGuide {
 impl Sun {
     fn new(scene: &Scene, light: &Light, share: f32) -> Self {
         let axes = frame(light.direction);
-        let (mut low, mut high, mut start) = (Vec2::INFINITY, Vec2::NEG_INFINITY, f32::INFINITY);
+        let mut low = Vec2::INFINITY;
+        let mut high = Vec2::NEG_INFINITY;
+        let mut start = f32::INFINITY;
         for k in 0..8 {
             let side = |bit: u32, axis: usize| {
                 if k >> bit & 1 == 0 { scene.geometry.bounds.0[axis] } else { scene.geometry.bounds.1[axis] }
@@ -193,7 +195,8 @@ impl Sun {
 pub(crate) fn training_path(scene: &Scene, start: SurfacePoint, sampler: &mut Sampler) -> Vec<SunHit> {
     let geometry = scene.tables();
     let mut hits = Vec::new();
-    let (mut point, mut throughput) = (start, 1.0f32);
+    let mut point = start;
+    let mut throughput = 1.0f32;
     for _ in 0..TRAINING_BOUNCES {
         let origin = point.position + point.normal * scene.geometry.ray_offset;
         let direction = cosine_hemisphere(point.normal, sampler.next());

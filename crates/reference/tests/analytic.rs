@@ -57,7 +57,8 @@ fn bounces_are_limited() {
 #[test]
 fn floor_below_sun_and_sky() {
     let direction = Vec3::new(0.3, -0.8, 0.2).normalize();
-    let (irradiance, sky) = (Vec3::new(30.0, 28.0, 25.0), Vec3::new(0.4, 0.7, 1.0));
+    let irradiance = Vec3::new(30.0, 28.0, 25.0);
+    let sky = Vec3::new(0.4, 0.7, 1.0);
     let mut b = floor();
     b.light(Light { kind: LIGHT_DIRECTIONAL, direction, color: irradiance, ..Light::default() }).sky(sky);
     let scene = b.build();
@@ -73,7 +74,8 @@ fn floor_below_sun_and_sky() {
 
 #[test]
 fn point_and_spot_lights_on_a_plane() {
-    let (intensity, height) = (Vec3::new(10.0, 20.0, 30.0), 1.5f32);
+    let intensity = Vec3::new(10.0, 20.0, 30.0);
+    let height = 1.5f32;
     let lamp = Light { kind: LIGHT_POINT, position: Vec3::Y * height, color: intensity, ..Light::default() };
     let distances = [0.0f32, 0.5, 1.0, 3.0, 10.0];
     let points: Vec<_> = distances.iter().map(|r| point(Vec3::X * *r, Vec3::Y)).collect();
@@ -90,7 +92,8 @@ fn point_and_spot_lights_on_a_plane() {
 
     let mut b = floor();
     // Half-angles of 20° and 40°: full light at r = 0 and 0.5 (18.4°), part at 1 (33.7°), none at r ≥ 3.
-    let (cos_inner, cos_outer) = (0.939_692_6, 0.766_044_4);
+    let cos_inner = 0.939_692_6;
+    let cos_outer = 0.766_044_4;
     b.light(Light { kind: LIGHT_SPOT, direction: Vec3::NEG_Y, cos_inner, cos_outer, ..lamp });
     let spot = direct(&b.build(), &points, 16);
     for k in [0, 1] {
@@ -112,9 +115,13 @@ fn corner_form_factor(a: f32, b: f32, h: f32) -> f32 {
 
 #[test]
 fn rectangles_above_a_plane() {
-    let (a, b, h, radiance) = (1.0f32, 0.6f32, 0.8f32, 5.0f32);
+    let a = 1.0f32;
+    let b = 0.6f32;
+    let h = 0.8f32;
+    let radiance = 5.0f32;
     // Seen from below: a × b points down.
-    let (edge_a, edge_b) = (Vec3::X * a, Vec3::Z * b);
+    let edge_a = Vec3::X * a;
+    let edge_b = Vec3::Z * b;
     assert!(edge_a.cross(edge_b).y < 0.0);
     let below_corner = point(Vec3::ZERO, Vec3::Y);
     let below_centre = point(Vec3::new(0.5 * a, 0.0, 0.5 * b), Vec3::Y);
@@ -146,7 +153,8 @@ fn rectangles_above_a_plane() {
 fn the_camera_sees_rectangle_lights_and_rays_pass_through_them() {
     let mut b = floor();
     let color = Vec3::new(3.0, 2.0, 1.0);
-    let (edge_a, edge_b) = (Vec3::X, Vec3::Z);
+    let edge_a = Vec3::X;
+    let edge_b = Vec3::Z;
     b.light(Light {
         kind: LIGHT_RECT,
         position: Vec3::new(-0.5, 2.0, -0.5),
@@ -171,8 +179,11 @@ fn light_inside(gap: f32) -> f32 {
     let mut b = Builder::default();
     let m = b.material(Vec3::splat(0.8), Vec3::ZERO);
     b.quad(Vec3::new(-10.0, -0.5, -10.0), 20.0 * Vec3::Z, 20.0 * Vec3::X, m);
-    let (low, high) = (Vec3::new(-1.0, 0.0, -1.0), Vec3::new(1.0, 2.0, 1.0));
-    let (x, y, z) = (2.0 * Vec3::X, 2.0 * Vec3::Y, 2.0 * Vec3::Z);
+    let low = Vec3::new(-1.0, 0.0, -1.0);
+    let high = Vec3::new(1.0, 2.0, 1.0);
+    let x = 2.0 * Vec3::X;
+    let y = 2.0 * Vec3::Y;
+    let z = 2.0 * Vec3::Z;
     b.quad(low, y, z, m).quad(low, z, x, m).quad(low, x, y, m).quad(high, -z, -y, m).quad(high, -y, -x, m);
     b.quad(Vec3::new(-1.0 + gap, 2.0, -1.0), z, x - gap * Vec3::X, m);
     let direction = Vec3::new(0.4, -1.0, 0.3).normalize();
@@ -183,7 +194,8 @@ fn light_inside(gap: f32) -> f32 {
     for k in 0..64 {
         // Floor, walls and lid from inside; some a hair from the edges.
         let near_edge = if k % 4 == 0 { 0.999 } else { 0.7 };
-        let (u, v) = ((k as f32 / 32.0 - 1.0) * near_edge, near_edge * if k % 2 == 0 { 1.0 } else { -0.5 });
+        let u = (k as f32 / 32.0 - 1.0) * near_edge;
+        let v = near_edge * if k % 2 == 0 { 1.0 } else { -0.5 };
         points.push(point(Vec3::new(u, 0.0, v), Vec3::Y));
         points.push(point(Vec3::new(-1.0, 1.0 + u, v), Vec3::X));
         points.push(point(Vec3::new(v.max(-1.0 + gap), 2.0, u), Vec3::NEG_Y));

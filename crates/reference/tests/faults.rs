@@ -228,7 +228,8 @@ fn the_standard_error_of_a_pixel_is_that_of_the_mean_of_its_samples() {
         tracer.accumulate(&camera, &mut sums, 64, go_on).unwrap();
         sums
     };
-    let (a, b) = (render(1), render(2));
+    let a = render(1);
+    let b = render(2);
     let errors = a.full_standard_error().unwrap();
     // Two independent pictures differ by √2 standard errors; passes of stratified samples overestimate them a little.
     let mean = |values: Vec<f64>| values.iter().sum::<f64>() / values.len() as f64;

@@ -23,7 +23,8 @@ fn through_a_sphere(radius: f32, absorption: Vec3) -> Vec3 {
 
 #[test]
 fn a_sphere_filled_with_a_medium() {
-    let (radius, rho) = (2.0, 0.7);
+    let radius = 2.0;
+    let rho = 0.7;
     let of = |absorption: Vec3, strategy: Strategy| {
         let mut b = Builder::default();
         let m = b.material(Vec3::splat(rho), Vec3::splat(std::f32::consts::FRAC_1_PI));
@@ -54,7 +55,9 @@ fn a_sphere_filled_with_a_medium() {
 
 #[test]
 fn a_lamp_in_a_medium_on_a_plane() {
-    let (height, aside, absorption) = (2.0f32, 1.5f32, Vec3::new(0.0, 0.2, 1.0));
+    let height = 2.0f32;
+    let aside = 1.5f32;
+    let absorption = Vec3::new(0.0, 0.2, 1.0);
     let mut b = floor();
     b.light(Light { kind: LIGHT_POINT, position: Vec3::Y * height, color: Vec3::ONE, ..Light::default() });
     b.parts.absorption = absorption;

@@ -49,12 +49,15 @@ fn a_known_factor_gives_known_linear_errors() {
 
 #[test]
 fn constant_pictures_have_closed_forms() {
-    let (a, b) = (0.2f32, 0.3f32);
-    let (pa, pb) = (picture(40, 24, |_, _| Vec3::splat(a)), picture(40, 24, |_, _| Vec3::splat(b)));
+    let a = 0.2f32;
+    let b = 0.3f32;
+    let pa = picture(40, 24, |_, _| Vec3::splat(a));
+    let pb = picture(40, 24, |_, _| Vec3::splat(b));
     for stops in [0.0, 1.0] {
         let scale = stops_to_scale(stops);
         let e = compare_pictures(&pa, &pb, scale, None).expect("comparable");
-        let (x, y) = (f64::from(encode_srgb(a * scale)), f64::from(encode_srgb(b * scale)));
+        let x = f64::from(encode_srgb(a * scale));
+        let y = f64::from(encode_srgb(b * scale));
         let mse = (x - y) * (x - y);
         assert!((e.mse / mse - 1.0).abs() < 1e-5, "{} {mse}", e.mse);
         assert!((e.psnr_db + 10.0 * mse.log10()).abs() < 1e-4 && (e.psnr_db - e.block_psnr_db).abs() < 1e-3);
@@ -69,7 +72,8 @@ fn constant_pictures_have_closed_forms() {
 /// SSIM by its definition, window by window, without the separable filter.
 fn ssim_by_definition(x: &[f64], y: &[f64], width: usize) -> f64 {
     let height = x.len() / width;
-    let (mut total, mut count) = (0.0, 0.0);
+    let mut total = 0.0;
+    let mut count = 0.0;
     for row in 0..=height - 11 {
         for column in 0..=width - 11 {
             let mut window = Vec::new();
@@ -82,7 +86,8 @@ fn ssim_by_definition(x: &[f64], y: &[f64], width: usize) -> f64 {
             }
             let sum: f64 = window.iter().map(|w| w.0).sum();
             let mean = |f: &dyn Fn(f64, f64) -> f64| window.iter().map(|w| w.0 * f(w.1, w.2)).sum::<f64>() / sum;
-            let (mx, my) = (mean(&|x, _| x), mean(&|_, y| y));
+            let mx = mean(&|x, _| x);
+            let my = mean(&|_, y| y);
             let vx = mean(&|x, _| (x - mx) * (x - mx));
             let vy = mean(&|_, y| (y - my) * (y - my));
             let cov = mean(&|x, y| (x - mx) * (y - my));
@@ -95,9 +100,11 @@ fn ssim_by_definition(x: &[f64], y: &[f64], width: usize) -> f64 {
 
 #[test]
 fn ssim_follows_its_definition() {
-    let (width, height) = (23, 17);
+    let width = 23;
+    let height = 17;
     let value = |seed: u32| move |x: u32, y: u32| Vec3::splat(0.2 + 0.6 * unit(hash3(x, y, seed)));
-    let (a, b) = (picture(width, height, value(1)), picture(width, height, value(2)));
+    let a = picture(width, height, value(1));
+    let b = picture(width, height, value(2));
     let shown = |p: &Picture| p.pixels.iter().map(|v| f64::from(encode_srgb(v.x))).collect::<Vec<_>>();
     let expected = ssim_by_definition(&shown(&a), &shown(&b), width as usize);
     let found = compare(&a, &b).ssim;
@@ -186,7 +193,8 @@ fn pictures_that_cannot_be_compared_are_refused() {
 
 #[test]
 fn a_black_reference_judges_absolutely() {
-    let (black, grey) = (Picture::new(70, 50), picture(70, 50, |_, _| Vec3::splat(0.25)));
+    let black = Picture::new(70, 50);
+    let grey = picture(70, 50, |_, _| Vec3::splat(0.25));
     let equal = compare_pictures(&black, &black, 2.0, None).expect("comparable");
     assert_eq!((equal.mse, equal.block_median_relative_error, equal.mean_ratio), (0.0, 0.0, 1.0));
     let lit = compare_pictures(&grey, &black, 2.0, None).expect("comparable");
@@ -243,7 +251,8 @@ fn difference_pictures_show_sign_and_place() {
     assert_eq!(times.pixels[..3], [Vec3::splat(12.5), Vec3::splat(6.25), Vec3::ZERO]);
 
     let f = flip_picture(&ours, &reference, 1.0).expect("same size");
-    let (here, far) = (f.pixels[0].element_sum(), f.pixels[23 + 15 * 24].element_sum());
+    let here = f.pixels[0].element_sum();
+    let far = f.pixels[23 + 15 * 24].element_sum();
     assert!(here > 10.0 * far.max(1e-3), "{here} {far}");
 }
 

@@ -16,7 +16,8 @@ fn gradient(scale: f32) -> Picture {
 #[test]
 fn exr_keeps_linear_values() {
     let folder = tempfile::tempdir().expect("a folder");
-    let (single, half) = (folder.path().join("single.exr"), folder.path().join("half.exr"));
+    let single = folder.path().join("single.exr");
+    let half = folder.path().join("half.exr");
     let p = gradient(3.7);
     p.write_exr(&single, Precision::Single).expect("written");
     assert_eq!(Picture::read(&single).expect("read"), p);
@@ -38,7 +39,8 @@ fn exr_files_of_equal_pictures_are_equal_for_any_number_of_threads() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("picture.exr");
     // 12 x 9 tiles of 64 x 64 pixels, those at the edges cut.
-    let (width, height) = (750, 550);
+    let width = 750;
+    let height = 550;
     let value = |k: u32| Vec3::new(k as f32, (k % 97) as f32, 1.0 / (k + 1) as f32);
     let pixels = (0..width * height).map(value).collect();
     let mut p = Picture::from_pixels(width, height, pixels).expect("one for each pixel");
@@ -156,7 +158,8 @@ fn the_shared_reference_is_understood() {
     let data = ReferenceData::load(folder).expect("sound");
     assert_eq!((data.full.width, data.full.height, data.points.len()), (540, 540, 400));
     // stats.json beside it: mean_full, mean_direct, mean_indirect.
-    let (direct, indirect) = (data.direct.expect("there"), data.indirect.expect("there"));
+    let direct = data.direct.expect("there");
+    let indirect = data.indirect.expect("there");
     for (found, expected) in [
         (data.full.mean(), Vec3::new(0.225_046, 0.146_742, 0.042_065_6)),
         (direct.mean(), Vec3::new(0.169_507, 0.115_927, 0.036_227_3)),

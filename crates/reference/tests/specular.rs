@@ -33,7 +33,10 @@ fn room_with_a_mirror(mirror: Option<f32>) -> Scene {
     let red = b.material(Vec3::new(0.7, 0.1, 0.1), Vec3::ZERO);
     let lamp = b.material(Vec3::splat(0.2), Vec3::new(9.0, 8.0, 7.0));
     let low = if mirror.is_some() { 0.0 } else { -1.0 };
-    let (corner, x, y, z) = (Vec3::X * low, Vec3::X * (1.0 - low), Vec3::Y, Vec3::Z);
+    let corner = Vec3::X * low;
+    let x = Vec3::X * (1.0 - low);
+    let y = Vec3::Y;
+    let z = Vec3::Z;
     b.quad(corner, z, x, white).quad(corner + y, x, z, white).quad(corner, x, y, white).quad(corner + z, y, x, white);
     b.quad(Vec3::X, z, y, red);
     match mirror {
@@ -134,7 +137,9 @@ fn below(sheets: &[(f32, bool)], material: Material) -> f32 {
     let mut b = Builder::default();
     let black = b.material(Vec3::ZERO, Vec3::ZERO);
     let glass = add(&mut b, material);
-    let (x, z, far) = (2000.0 * Vec3::X, 2000.0 * Vec3::Z, Vec3::new(-1000.0, 0.0, -1000.0));
+    let x = 2000.0 * Vec3::X;
+    let z = 2000.0 * Vec3::Z;
+    let far = Vec3::new(-1000.0, 0.0, -1000.0);
     b.quad(far, z, x, black);
     for &(height, is_up) in sheets {
         let corner = far + Vec3::Y * height;

@@ -36,8 +36,9 @@ fn one_and_two_threads_give_the_same_bits() {
 
 #[test]
 fn stopping_saving_and_resuming_changes_nothing() {
-    let (scene, view, settings) =
-        (sunny_room(0.7), camera(32, 24), PathSettings { seed: 5, ..PathSettings::default() });
+    let scene = sunny_room(0.7);
+    let view = camera(32, 24);
+    let settings = PathSettings { seed: 5, ..PathSettings::default() };
     let whole = trace(&scene, &view, settings, 21);
 
     let folder = tempfile::tempdir().expect("a folder");
@@ -60,7 +61,9 @@ fn stopping_saving_and_resuming_changes_nothing() {
 
 #[test]
 fn damaged_or_foreign_accumulations_are_refused() {
-    let (scene, view, settings) = (room(0.7), camera(16, 12), PathSettings::default());
+    let scene = room(0.7);
+    let view = camera(16, 12);
+    let settings = PathSettings::default();
     let folder = tempfile::tempdir().expect("a folder");
     let file = folder.path().join("picture.accumulation");
     let id = fingerprint(&scene, &view);
@@ -105,11 +108,13 @@ fn below_a_sky_map() -> Builder {
     let m = b.material(Vec3::new(0.7, 0.6, 0.5), Vec3::ZERO);
     b.quad(Vec3::ZERO, 4.0 * Vec3::Z, 4.0 * Vec3::X, m);
     b.quad(Vec3::ZERO, 2.0 * Vec3::Y, 4.0 * Vec3::Z, m);
-    let (width, height) = (32, 16);
+    let width = 32;
+    let height = 16;
     b.parts.sky = scene::Sky { radiance: Vec3::splat(2.0), map_width: width, map_height: height, ..Default::default() };
     b.parts.sky_map = (0..width * height)
         .map(|k| {
-            let (x, y) = (k % width, k / width);
+            let x = k % width;
+            let y = k / width;
             if (x, y) == (9, 4) { Vec4::splat(60.0) } else { Vec4::splat(0.1 + 0.02 * y as f32) }
         })
         .collect();
@@ -171,14 +176,16 @@ fn weighting_pays() {
         irradiance(scene, strategy, 4, 1 << 13).iter().map(|p| p.direct_error.x + p.indirect_error.x).sum::<f32>()
     };
     for scene in [room(0.7), sunny_room(0.7)] {
-        let (both, bounces) = (error(&scene, Strategy::Both), error(&scene, Strategy::Bounces));
+        let both = error(&scene, Strategy::Both);
+        let bounces = error(&scene, Strategy::Bounces);
         assert!(both < 0.6 * bounces, "{both} {bounces}");
     }
 }
 
 #[test]
 fn the_stated_errors_are_those_of_repetition() {
-    let (scene, view) = (room(0.7), camera(32, 24));
+    let scene = room(0.7);
+    let view = camera(32, 24);
     let pictures: Vec<Accumulation> =
         (0..12).map(|seed| trace(&scene, &view, PathSettings { seed, ..PathSettings::default() }, 32)).collect();
     let blocks: Vec<_> = pictures.iter().map(|a| a.indirect().block_means(8)).collect();

@@ -157,7 +157,8 @@ fn borrow<'a>(graph: &Graph, pass: &Pass, memory: &'a mut [Block]) -> Vec<HostBi
             continue;
         }
         here.sort_by_key(|(_, b)| b.offset);
-        let (mut rest, mut start) = (block.bytes_mut(), 0);
+        let mut rest = block.bytes_mut();
+        let mut start = 0;
         for (k, bound) in here {
             let (_, after) = rest.split_at_mut((bound.offset - start) as usize);
             let (part, after) = after.split_at_mut(bound.bytes as usize);

@@ -384,13 +384,26 @@ impl dyn Executor + '_ {
 pub fn open(choice: &DeviceChoice) -> Result<(Box<dyn Executor>, Option<String>), ExecutorError> {
     match choice {
         DeviceChoice::Cpu => Ok((Box::new(Cpu::new()), None)),
-        _ => open_vulkan(choice),
+        #[cfg(feature = "vulkan")]
+        _ => open_validated(choice, Validation::Off),
+        #[cfg(not(feature = "vulkan"))]
+        _ => without_vulkan(choice),
     }
 }
 
+/// [`open`], with the validation layer on a Vulkan device.
+///
+/// # Errors
+/// As [`open`]; a layer that is required and is not there.
 #[cfg(feature = "vulkan")]
-fn open_vulkan(choice: &DeviceChoice) -> Result<(Box<dyn Executor>, Option<String>), ExecutorError> {
-    let opened = Vulkan::open(choice, Validation::from_environment());
+pub fn open_validated(
+    choice: &DeviceChoice,
+    validation: Validation,
+) -> Result<(Box<dyn Executor>, Option<String>), ExecutorError> {
+    if *choice == DeviceChoice::Cpu {
+        return open(choice);
+    }
+    let opened = Vulkan::open(choice, validation);
     if *choice != DeviceChoice::Auto {
         return Ok((Box::new(opened?), None));
     }
@@ -407,7 +420,7 @@ fn open_vulkan(choice: &DeviceChoice) -> Result<(Box<dyn Executor>, Option<Strin
 }
 
 #[cfg(not(feature = "vulkan"))]
-fn open_vulkan(choice: &DeviceChoice) -> Result<(Box<dyn Executor>, Option<String>), ExecutorError> {
+fn without_vulkan(choice: &DeviceChoice) -> Result<(Box<dyn Executor>, Option<String>), ExecutorError> {
     match choice {
         DeviceChoice::Auto => Ok((Box::new(Cpu::new()), None)),
         other => Err(ExecutorError::WithoutVulkan { wanted: other.to_string() }),

@@ -146,7 +146,8 @@ impl Graph {
             BufferKind::Storage => offset.checked_add(length).is_some_and(|end| end <= spec.bytes),
         };
         if !fits {
-            let (buffer, size) = (spec.name.clone(), spec.bytes);
+            let buffer = spec.name.clone();
+            let size = spec.bytes;
             return Err(PlanError::UploadLength { buffer, size, offset, found: length });
         }
         self.written[id.0] = true;

@@ -429,7 +429,8 @@ impl Plan {
             (BindingKind::Storage { .. }, _) => None,
         };
         if let Some(expected) = expected {
-            let (pass, buffer) = (pass.into(), spec.name.clone());
+            let pass = pass.into();
+            let buffer = spec.name.clone();
             return Err(PlanError::BindingKind { pass, binding: binding.name, expected, buffer });
         }
         let is_image = matches!(spec.kind, BufferKind::Image { .. });
@@ -454,7 +455,8 @@ impl Plan {
                 stride,
             });
         }
-        let (reads, writes) = (binding.access != Access::Write, binding.access != Access::Read);
+        let reads = binding.access != Access::Write;
+        let writes = binding.access != Access::Read;
         Ok(Bound { buffer: range.buffer, offset: range.offset, bytes, reads, writes })
     }
 

@@ -118,7 +118,7 @@ fn shifted() -> [Frame; 4] {
 fn a_borrowed_device_gives_the_bits_of_our_own_and_stays_usable() {
     let Some(caller) = caller() else { return };
     let expected = run_frames(&mut Cpu::new(), &FRAMES);
-    let mut own = Vulkan::open(&DeviceChoice::Vulkan, Validation::from_environment()).expect("there is a device");
+    let mut own = Vulkan::open(&DeviceChoice::Vulkan, caller::validation()).expect("there is a device");
     assert_eq!(run_frames(&mut own, &FRAMES), expected);
     let mut first = borrow(&caller);
     let mut second = borrow(&caller);

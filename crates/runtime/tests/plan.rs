@@ -44,7 +44,8 @@ fn wrong_bindings_are_refused_with_pass_and_buffer() {
     let error = attempt(&[ranges[0], ranges[1], ranges[3], ranges[3]], push).expect_err("read and written");
     assert!(matches!(error, PlanError::Overlap { .. }), "{error}");
     // Halves of one buffer may be read and written.
-    let (low, high) = (d.range(0, BYTES / 2), d.range(BYTES / 2, BYTES / 2));
+    let low = d.range(0, BYTES / 2);
+    let high = d.range(BYTES / 2, BYTES / 2);
     assert!(attempt(&[low, low, low, high], push).is_ok());
     assert!(attempt(&[low, low, high, high], push).is_err());
 }

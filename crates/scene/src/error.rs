@@ -84,8 +84,8 @@ pub enum Error {
     },
     /// A material reflects and transmits more light than it gets, or its optics are no numbers.
     #[error(
-        "material {material}: {found}; diffuse reflectance, mirror and transmittance must be from 0 to 1, in each channel 1 at most \
-         together, and the index of refraction from 0.1 to 10"
+        "material {material}: {found}; diffuse reflectance, mirror and transmittance must be from 0 to 1, in each \
+         channel 1 at most together, and the index of refraction from 0.1 to 10"
     )]
     Reflectance {
         /// The material.
@@ -151,7 +151,8 @@ pub enum ReflectanceFault {
     },
     /// The shares are more than 1.
     #[error(
-        "its diffuse reflectance {diffuse}, mirror {mirror} and transmittance {transmittance} are more than 1 together in a channel"
+        "its diffuse reflectance {diffuse}, mirror {mirror} and transmittance {transmittance} are more than 1 \
+         together in a channel"
     )]
     Sum {
         /// Diffuse reflectance of the channel, of the brightest texel where there is a texture.

@@ -102,7 +102,8 @@ fn atan_unit(a: f32) -> f32 {
 /// Angle of the vector (x, y) in (−π, π], the same bits on CPU and GPU; 0 for the zero vector.
 #[inline]
 pub fn atan2(y: f32, x: f32) -> f32 {
-    let (ax, ay) = (abs(x), abs(y));
+    let ax = abs(x);
+    let ay = abs(y);
     let big = if ax > ay { ax } else { ay };
     if big <= 0.0 {
         return 0.0;
@@ -162,7 +163,8 @@ mod tests {
         }
         for k in 0..870_000u32 {
             let x = k as f32 * 1e-4;
-            let (found, expected) = (f64::from(super::exp_minus(x)), (-f64::from(x)).exp());
+            let found = f64::from(super::exp_minus(x));
+            let expected = (-f64::from(x)).exp();
             assert!(
                 (found - expected).abs() < 2e-7 && (found / expected - 1.0).abs() < 1e-5,
                 "{x}: {found} {expected}"

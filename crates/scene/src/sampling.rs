@@ -42,7 +42,9 @@ pub fn hammersley(k: u32, n: u32, shift: (u32, u32)) -> (f32, f32) {
 /// `wrapping_add`.
 #[inline]
 pub fn sobol2(k: u32) -> (u32, u32) {
-    let (mut y, mut direction, mut bits) = (0u32, 1u32 << 31, k);
+    let mut y = 0u32;
+    let mut direction = 1u32 << 31;
+    let mut bits = k;
     while bits != 0 {
         if bits & 1 != 0 {
             y ^= direction;
@@ -56,7 +58,10 @@ pub fn sobol2(k: u32) -> (u32, u32) {
 /// Product of two words, its upper and its lower word.
 #[inline]
 pub fn wide_product(x: u32, n: u32) -> (u32, u32) {
-    let (a, b, c, d) = (x >> 16, x & 0xffff, n >> 16, n & 0xffff);
+    let a = x >> 16;
+    let b = x & 0xffff;
+    let c = n >> 16;
+    let d = n & 0xffff;
     let low = b * d;
     let middle = a * d + (low >> 16);
     let other = b * c + (middle & 0xffff);
@@ -143,7 +148,8 @@ mod tests {
     #[test]
     fn cosine_directions_have_the_moments_of_the_density() {
         let n = Vec3::new(0.0, 0.6, 0.8);
-        let (mut mean, mut squares) = (0.0f64, 0.0f64);
+        let mut mean = 0.0f64;
+        let mut squares = 0.0f64;
         let count = 1 << 16;
         for k in 0..count {
             let cosine = f64::from(cosine_hemisphere(n, hammersley(k, count, (hash(1), hash(2)))).dot(n));
@@ -169,7 +175,8 @@ mod tests {
     #[test]
     fn the_wide_product_is_that_of_longer_words() {
         for k in 0..100_000 {
-            let (x, n) = (hash(k), if k % 2 == 0 { hash(k + 1) } else { hash(k) >> 17 });
+            let x = hash(k);
+            let n = if k % 2 == 0 { hash(k + 1) } else { hash(k) >> 17 };
             let (high, low) = wide_product(x, n);
             assert_eq!(u64::from(high) << 32 | u64::from(low), u64::from(x) * u64::from(n));
         }

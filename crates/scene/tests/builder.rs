@@ -147,16 +147,19 @@ fn textures_are_linear_means_and_masks_are_holes() {
     // A board of black and white, clear on the right half.
     let size = (64, 32);
     let texel = |k: u32| {
-        let (x, y) = (k % size.0, k / size.0);
+        let x = k % size.0;
+        let y = k / size.0;
         let c = if (x + y) % 2 == 0 { 200 } else { 0 };
         [c, c, c, if x < size.0 / 2 { 255 } else { 0 }]
     };
     let rgba: Vec<u8> = (0..size.0 * size.1).flat_map(texel).collect();
     let mut builder = Scene::builder();
     let picture = builder.add_texture(size, &rgba);
-    let (whole, holes) = (builder.add_textured(picture, None), builder.add_textured(picture, Some(0.5)));
+    let whole = builder.add_textured(picture, None);
+    let holes = builder.add_textured(picture, Some(0.5));
     let uvs = [Vec2::ZERO, Vec2::Y, Vec2::ONE, Vec2::X];
-    let (low, high) = (square(1.0), square(1.0).map(|p| p + Vec3::Y));
+    let low = square(1.0);
+    let high = square(1.0).map(|p| p + Vec3::Y);
     builder.add_mesh(Mesh { positions: &low, indices: &SIDES, uvs: &uvs, material: whole, ..Mesh::default() });
     builder.add_mesh(Mesh { positions: &high, indices: &SIDES, uvs: &uvs, material: holes, ..Mesh::default() });
     let scene = builder.build().unwrap();

@@ -15,8 +15,10 @@ fn rectangle(corner: Vec3, edge_a: Vec3, edge_b: Vec3, normal: Vec3) -> f32 {
 /// π times the form factor from a point to a rectangle a × b that is parallel, `height` above, with a corner over the
 /// point (Howell's catalogue, B-3).
 fn parallel(a: f32, b: f32, height: f32) -> f32 {
-    let (x, y) = (a / height, b / height);
-    let (rx, ry) = ((1.0 + x * x).sqrt(), (1.0 + y * y).sqrt());
+    let x = a / height;
+    let y = b / height;
+    let rx = (1.0 + x * x).sqrt();
+    let ry = (1.0 + y * y).sqrt();
     0.5 * (x / rx * atan2(y, rx) + y / ry * atan2(x, ry))
 }
 
@@ -64,8 +66,9 @@ fn what_is_below_the_horizon_sends_nothing() {
 fn triangles_add_up_to_their_rectangle_whatever_its_size() {
     let normal = Vec3::new(0.3, 0.9, -0.1).normalize();
     for size in [2.0f32, 0.3, 0.05, 0.031, 0.02, 0.001] {
-        let (corner, a, b) =
-            (Vec3::new(0.4, 2.0, -0.3), Vec3::new(size, 0.1 * size, 0.0), Vec3::new(0.0, 0.2, 1.0) * size);
+        let corner = Vec3::new(0.4, 2.0, -0.3);
+        let a = Vec3::new(size, 0.1 * size, 0.0);
+        let b = Vec3::new(0.0, 0.2, 1.0) * size;
         let whole = rectangle(corner, a, b, normal);
         let halves = [(corner, a, b), (corner + a + b, -a, -b)];
         let sum: f32 =
@@ -85,12 +88,16 @@ fn emitters(triangles: Vec<Triangle>) -> Scene {
 /// A ball of unit radius, 2 · 32 · 16 triangles with fronts outside.
 fn ball() -> Scene {
     let place = |k: u32, ring: u32| {
-        let (azimuth, polar) = (sin_cos_2pi(k as f32 / 32.0), sin_cos_2pi(ring as f32 / 32.0));
+        let azimuth = sin_cos_2pi(k as f32 / 32.0);
+        let polar = sin_cos_2pi(ring as f32 / 32.0);
         Vec3::new(polar.0 * azimuth.1, polar.1, -polar.0 * azimuth.0)
     };
     let mut triangles = Vec::new();
     for (k, ring) in (0..32).flat_map(|k| (0..16).map(move |ring| (k, ring))) {
-        let (a, b, c, d) = (place(k, ring), place(k, ring + 1), place(k + 1, ring + 1), place(k + 1, ring));
+        let a = place(k, ring);
+        let b = place(k, ring + 1);
+        let c = place(k + 1, ring + 1);
+        let d = place(k + 1, ring);
         for (corner, edge_a, edge_b) in [(a, b - a, c - a), (a, c - a, d - a)] {
             if edge_a.cross(edge_b).length() > 1e-6 {
                 triangles.push(Triangle { corner, edge_a, edge_b, ..Triangle::default() });
@@ -105,7 +112,8 @@ fn panel() -> Scene {
     let mut triangles = Vec::new();
     for k in 0..256u32 {
         let corner = Vec2::new((k % 16) as f32, (k / 16) as f32) / 16.0 - 0.5;
-        let (a, b) = (Vec3::X / 16.0, Vec3::Z / 16.0);
+        let a = Vec3::X / 16.0;
+        let b = Vec3::Z / 16.0;
         let corner = Vec3::new(corner.x, 0.0, corner.y);
         triangles.push(Triangle { corner, edge_a: a, edge_b: a + b, ..Triangle::default() });
         triangles.push(Triangle { corner, edge_a: a + b, edge_b: b, ..Triangle::default() });

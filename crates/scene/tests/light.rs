@@ -66,8 +66,10 @@ fn parallel_point_and_spot_lights() {
 
 /// Form factor of a point below the corner of an a × b rectangle at height c (Howell's catalogue, B-3).
 fn corner_factor(a: f32, b: f32, c: f32) -> f32 {
-    let (x, y) = (a / c, b / c);
-    let (sx, sy) = ((1.0 + x * x).sqrt(), (1.0 + y * y).sqrt());
+    let x = a / c;
+    let y = b / c;
+    let sx = (1.0 + x * x).sqrt();
+    let sy = (1.0 + y * y).sqrt();
     let angle = |p: f32, q: f32| f64::from(p).atan2(f64::from(q)) as f32;
     (x / sx * angle(y, sx) + y / sy * angle(x, sy)) / (2.0 * PI)
 }
@@ -75,7 +77,9 @@ fn corner_factor(a: f32, b: f32, c: f32) -> f32 {
 #[test]
 fn rectangle_lights_and_emitters_have_the_catalogue_form_factor() {
     // Overhead, facing down, its corner straight above the origin.
-    let (a, b, c) = (2.0, 1.0, 1.5);
+    let a = 2.0;
+    let b = 1.0;
+    let c = 1.5;
     let expected = PI * 7.0 * corner_factor(a, b, c);
     let rect = Light {
         kind: LIGHT_RECT,
@@ -94,7 +98,8 @@ fn rectangle_lights_and_emitters_have_the_catalogue_form_factor() {
 
     // The same rectangle as two triangles of the geometry; x × z points down.
     let corner = rect.position;
-    let (ea, eb) = (rect.edge_a, rect.edge_b);
+    let ea = rect.edge_a;
+    let eb = rect.edge_b;
     let quad = vec![
         Triangle { corner, edge_a: ea, edge_b: ea + eb, material: 1, ..Triangle::default() },
         Triangle { corner, edge_a: ea + eb, edge_b: eb, material: 1, ..Triangle::default() },
@@ -284,7 +289,8 @@ fn through(scene: &Scene, medium: impl Medium, point: SurfacePoint) -> [Vec4; 4]
         ray_offset: scene.geometry.ray_offset,
         ..DirectParams::default()
     };
-    let (tables, lights) = (scene.tables(), scene.all_lights());
+    let tables = scene.tables();
+    let lights = scene.all_lights();
     let occluded = |origin: Vec3, direction: Vec3, t_max: f32| scene.occluded(origin, direction, t_max);
     let large = LargeParams {
         camera: Camera::look_at(point.position + Vec3::Y, point.position, Vec3::X, 1.0, 1, 1),
@@ -307,7 +313,8 @@ fn through(scene: &Scene, medium: impl Medium, point: SurfacePoint) -> [Vec4; 4]
 #[test]
 fn a_medium_takes_of_direct_light_what_it_absorbs_on_the_way() {
     let base = Light { position: Vec3::Y * 3.0, color: Vec3::new(1.0, 2.0, 3.0), ..Light::default() };
-    let (x, z) = (Vec3::X * 0.02, Vec3::Z * 0.02);
+    let x = Vec3::X * 0.02;
+    let z = Vec3::Z * 0.02;
     let lamp = Triangle { corner: Vec3::new(0.5, 2.0, 0.0), edge_a: x, edge_b: z, material: 1, ..Triangle::default() };
     let rect = Light { kind: LIGHT_RECT, edge_a: x, edge_b: z, area: x.cross(z).length(), ..base };
     let sun = Light { kind: LIGHT_DIRECTIONAL, direction: Vec3::NEG_Y, ..base };

@@ -9,7 +9,8 @@ use patchlight_scene::*;
 /// A floor of 200 m, one light.
 fn floor_under(light: Light, distributions: Vec<f32>) -> Scene {
     let corner = Vec3::new(-100.0, 0.0, -100.0);
-    let (a, b) = (Vec3::Z * 200.0, Vec3::X * 200.0);
+    let a = Vec3::Z * 200.0;
+    let b = Vec3::X * 200.0;
     let triangles = vec![
         Triangle { corner, edge_a: a, edge_b: a + b, ..Triangle::default() },
         Triangle { corner, edge_a: a + b, edge_b: b, ..Triangle::default() },
@@ -142,7 +143,8 @@ fn a_luminaire_that_is_turned_takes_its_light_along() {
     let turned = Light { direction: turn * upright.direction, edge_a: turn * upright.edge_a, ..upright };
     let mut differences = 0;
     for k in 0..500u32 {
-        let (z, around) = (1.0 - 2.0 * (k as f32 + 0.5) / 500.0, 2.4 * k as f32);
+        let z = 1.0 - 2.0 * (k as f32 + 0.5) / 500.0;
+        let around = 2.4 * k as f32;
         let (s, c) = math::sin_cos_2pi(around / std::f32::consts::TAU);
         let away = Vec3::new(c * (1.0 - z * z).sqrt(), z, s * (1.0 - z * z).sqrt());
         let before = luminaire_share(&upright, &table, away);

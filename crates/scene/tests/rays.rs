@@ -119,14 +119,16 @@ fn a_last_occluder_that_is_only_touched_changes_no_answer() {
     let scene = Scene::new(parts).unwrap();
     let tables = scene.tables();
     let host = GeometryTables { hierarchy: scene.geometry.hierarchy(), ..scene.tables() };
-    let (mut stopped, mut disputed) = (0, 0);
+    let mut stopped = 0;
+    let mut disputed = 0;
     for k in 0..20_000 {
         let number = k % scene.geometry.triangles.len() as u32;
         let triangle = &scene.geometry.triangles[number as usize];
         let on_edge = triangle.corner + triangle.edge_b * unit(hash3(k, 1, 3));
         let away = 20.0 * Vec3::new(unit(hash3(k, 2, 3)), unit(hash3(k, 3, 3)), unit(hash3(k, 4, 3))) - 10.0;
         let across = Vec3::from_array(triangle.edge_a.to_array().map(|edge| f32::from(u8::from(edge == 0.0))));
-        let (origin, direction) = (on_edge + away * across, away * across * -1.5);
+        let origin = on_edge + away * across;
+        let direction = away * across * -1.5;
         let expected = any_hit(&tables, origin, direction, 1.0);
         assert_eq!(occluder(&tables, origin, direction, 1.0, number) != NONE, expected, "ray {k}");
         let packet = host_occluder(&host, origin, direction, 1.0, [k % 50, k % 7]);
@@ -143,11 +145,14 @@ fn a_last_occluder_that_is_only_touched_changes_no_answer() {
 /// holes and with what another scene left behind neither.
 #[test]
 fn the_last_occluder_changes_no_answer() {
-    let (masked, solid) = (Scene::new(with_holes(200)).unwrap(), Scene::new(soup(100)).unwrap());
+    let masked = Scene::new(with_holes(200)).unwrap();
+    let solid = Scene::new(soup(100)).unwrap();
     let lamp = Vec3::new(2.0, 5.0, 1.0);
     let last = Cell::new(Occluder::default());
     for scene in [&solid, &masked, &solid] {
-        let (mut dark, mut triangle, mut packet) = (0, NONE, NONE);
+        let mut dark = 0;
+        let mut triangle = NONE;
+        let mut packet = NONE;
         for k in 0..4000 {
             // A walk in small steps, so that the same triangle is in the way again and again.
             let t = k as f32 / 4000.0;
@@ -178,7 +183,8 @@ fn a_scene_of_one_triangle_and_a_tilted_ray_along_an_axis() {
     })
     .unwrap();
     // A flat box: the direction has exact zeros.
-    let (origin, direction) = (Vec3::new(0.25, 0.25, 2.0), Vec3::NEG_Z);
+    let origin = Vec3::new(0.25, 0.25, 2.0);
+    let direction = Vec3::NEG_Z;
     for hit in [scene.closest_before(origin, direction, FAR), closest_hit(&scene.tables(), origin, direction, FAR)] {
         assert_eq!(hit, Hit { triangle: 0, u: 0.25, v: 0.25, t: 2.0 });
     }

@@ -20,7 +20,9 @@ fn quad(parts: &mut SceneParts, corner: Vec3, a: Vec3, b: Vec3, material: u32) {
 /// Six walls with their fronts inside.
 fn cuboid(parts: &mut SceneParts, low: Vec3, high: Vec3, material: u32) {
     let d = high - low;
-    let (x, y, z) = (Vec3::X * d.x, Vec3::Y * d.y, Vec3::Z * d.z);
+    let x = Vec3::X * d.x;
+    let y = Vec3::Y * d.y;
+    let z = Vec3::Z * d.z;
     for (corner, a, b) in [(low, z, x), (high, -x, -z), (low, y, z), (high, -z, -y), (low, x, y), (high, -y, -x)] {
         quad(parts, corner, a, b, material);
     }
@@ -32,7 +34,10 @@ fn room(radiance: f32) -> Scene {
     let mut parts =
         SceneParts { materials: vec![Material::default(), lamp, Material::default()], ..Default::default() };
     cuboid(&mut parts, vec3(-2.0, 0.0, -2.0), vec3(2.0, 2.5, 2.0), ROOM);
-    let (low, x, y, z) = (vec3(-0.3, 1.8, -0.3), 0.6 * Vec3::X, 0.3 * Vec3::Y, 0.6 * Vec3::Z);
+    let low = vec3(-0.3, 1.8, -0.3);
+    let x = 0.6 * Vec3::X;
+    let y = 0.3 * Vec3::Y;
+    let z = 0.6 * Vec3::Z;
     for (corner, a, b) in [(low, x, y), (low + z, x, y), (low, z, y), (low + x, z, y), (low + y, x, z)] {
         quad(&mut parts, corner, a, b, ROOM);
     }
@@ -61,7 +66,8 @@ fn a_small_lamp_in_a_housing_lights_the_room() {
     for (t, sides) in scene.geometry.triangles.iter().zip(find_sides(&scene, SidePolicy::Lit)) {
         // The fronts of the closed box are its inside, the backs of the room's walls see nothing.
         let is_wall = t.material == ROOM && [t.corner, t.corner + t.edge_a].iter().all(|c| is_outside(*c));
-        let (front, back) = (t.material != SAFE, !is_wall);
+        let front = t.material != SAFE;
+        let back = !is_wall;
         assert_eq!((sides.front, sides.back), (front, back), "{t:?}");
     }
     // Switched off there is no light.

@@ -14,7 +14,8 @@ fn main() -> Result<(), Error> {
     let source: Vec<Vec4> = (0..n).map(|i| if i % 20 == 0 { Vec4::ONE } else { Vec4::ZERO }).collect();
     let albedo: Vec<Vec4> = (0..n as u32).map(|i| Vec4::splat(0.3 + 0.4 * unit(hash3(i, 0, 2)))).collect();
 
-    let (mut exitance, mut exact) = (source.clone(), vec![Vec4::ZERO; n]);
+    let mut exitance = source.clone();
+    let mut exact = vec![Vec4::ZERO; n];
     for _ in 0..100 {
         lists.apply(&exitance, &mut exact)?;
         exitance = (0..n).map(|i| source[i] + albedo[i] * exact[i]).collect();
@@ -26,7 +27,8 @@ fn main() -> Result<(), Error> {
     println!("{} bytes; frame, error and change with the control variate, without", lists.bytes());
     let on = Settings { samples: 16, ..Settings::default() };
     let off = Settings { control_variate: false, blend: Blend::Fixed(0.9), ..on };
-    let (mut a, mut b) = (State::new(n), State::new(n));
+    let mut a = State::new(n);
+    let mut b = State::new(n);
     for frame in 1..=256 {
         let before = (a.irradiance.clone(), b.irradiance.clone());
         a.advance(&lists, &source, &albedo, &on)?;

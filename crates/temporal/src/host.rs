@@ -34,7 +34,8 @@ fn pack_columns(numbers: Vec<u32>, columns: usize) -> Vec<u32> {
 
 /// Starts of rows of these lengths.
 fn starts(lengths: impl Iterator<Item = usize>) -> Result<Vec<u32>, Error> {
-    let (mut starts, mut end) = (vec![0], 0u64);
+    let mut starts = vec![0];
+    let mut end = 0u64;
     for length in lengths {
         end += length as u64;
         // Room for the half word at the end.
@@ -48,8 +49,10 @@ fn starts(lengths: impl Iterator<Item = usize>) -> Result<Vec<u32>, Error> {
 
 /// The rows of a sum with what `row` makes of each of them and of its value before, on all cores.
 fn sum_rows<T: Copy + Send>(p: &SumParams, values: &mut [T], row: impl Fn(u32, T) -> T + Sync) {
-    let (rows, first) = (p.rows as usize, p.first as usize);
-    let (count, wrapped) = (p.count as usize, (p.first as usize + p.count as usize).saturating_sub(rows));
+    let rows = p.rows as usize;
+    let first = p.first as usize;
+    let count = p.count as usize;
+    let wrapped = (p.first as usize + p.count as usize).saturating_sub(rows);
     let part = |values: &mut [T], first: usize| {
         values
             .par_iter_mut()

@@ -74,7 +74,8 @@ fn tables_by_hand() {
 fn splitting_finds_second_entries_by_bisection() {
     // Light 0, 2, 3 lack 65,536 − 10,000, − 60,000 and − 6,144 − 40,000; heavy 1 and 4.
     let weights = [10_000, 120_000, 60_000, 25_536, 112_144];
-    let (row_start, mut scan) = ([0, 5], [glam::UVec2::ZERO; 5]);
+    let row_start = [0, 5];
+    let mut scan = [glam::UVec2::ZERO; 5];
     assert_eq!(weights.iter().sum::<u32>(), 5 << 16);
     scan_row(0, &row_start, &weights, 0, &mut scan);
     assert_eq!(scan.map(|s| s.x), [0, 2, 3, 1, 4]);
@@ -86,7 +87,9 @@ fn splitting_finds_second_entries_by_bisection() {
 
 #[test]
 fn rows_of_nothing_of_one_entry_and_of_more_than_one() {
-    let (row_start, columns, values) = ([0, 0, 1, 2, 4], [1, 0, 0, 1], [0.25, 0.0, 1.5, 0.5]);
+    let row_start = [0, 0, 1, 2, 4];
+    let columns = [1, 0, 0, 1];
+    let values = [0.25, 0.0, 1.5, 0.5];
     let light = [Vec4::new(2.0, 1.0, 0.5, 0.0), Vec4::new(4.0, 2.0, 1.0, 0.0)];
     for packing in PACKINGS {
         let tables = AliasTables::from_rows(2, &row_start, &columns, &values, packing).unwrap();
@@ -238,7 +241,8 @@ fn what_cannot_be_is_refused() {
     assert!(matches!(negative, Err(Value { name: "rows", index: 0, .. })));
 
     let lists = RayLists::from_hits(2, &[0, 1], 1).unwrap();
-    let (two, mut one) = ([Vec4::ONE; 2], [Vec4::ONE; 1]);
+    let two = [Vec4::ONE; 2];
+    let mut one = [Vec4::ONE; 1];
     assert!(matches!(lists.apply(&two, &mut one), Err(Length { name: "irradiance", .. })));
     assert!(matches!(lists.apply(&one.clone(), &mut two.clone()), Err(Length { name: "exitance", .. })));
     let mut out = two;

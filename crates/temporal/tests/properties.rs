@@ -15,7 +15,9 @@ fn random(a: u32, b: u32, c: u32) -> f32 {
 
 /// Sparse rows of n patches: up to 60 entries of most different size, sums up to 0.95; every 17th row has none.
 fn rows(n: u32, seed: u32) -> (Vec<u32>, Vec<u32>, Vec<f32>) {
-    let (mut row_start, mut columns, mut values) = (vec![0], Vec::new(), Vec::new());
+    let mut row_start = vec![0];
+    let mut columns = Vec::new();
+    let mut values = Vec::new();
     for i in 0..n {
         let count = if i % 17 == 5 { 0 } else { 1 + hash3(i, 1, seed) % 60 };
         let mut own: Vec<u32> = (0..count).map(|k| hash3(i, 10 + k, seed) % n).filter(|&j| j != i).collect();
@@ -64,7 +66,8 @@ fn scores(rows: &dyn Distribution, light: &[Vec4], expected: &[Vec4], rotated: b
     let settings =
         Settings { samples: 16, control_variate: false, blend: Blend::Fixed(0.0), rotated, ..Settings::default() };
     let n = rows.rows();
-    let (mut sums, mut squares) = (vec![[0.0f64; 3]; n], vec![[0.0f64; 3]; n]);
+    let mut sums = vec![[0.0f64; 3]; n];
+    let mut squares = vec![[0.0f64; 3]; n];
     let mut out = vec![Vec4::ZERO; n];
     for frame in 0..FRAMES {
         rows.sample(&settings.params(n as u32, 0, frame), light, light, &mut out).unwrap();
@@ -79,7 +82,8 @@ fn scores(rows: &dyn Distribution, light: &[Vec4], expected: &[Vec4], rotated: b
     let mut scores = Vec::new();
     for i in 0..n {
         for c in 0..3 {
-            let (mean, expected) = (sums[i][c] / f, f64::from(expected[i][c]));
+            let mean = sums[i][c] / f;
+            let expected = f64::from(expected[i][c]);
             let error = ((squares[i][c] / f - mean * mean).max(0.0) / (f - 1.0)).sqrt();
             if error < 1e-6 * mean.max(1e-9) {
                 if (mean - expected).abs() > 1e-5 * expected {
@@ -109,7 +113,8 @@ fn unbiased(scores: &[f64]) -> bool {
 
 #[test]
 fn the_mean_of_many_frames_is_the_product() {
-    let (n, seed) = (200, 1);
+    let n = 200;
+    let seed = 1;
     let light = light(n, 5);
     // A column off by a little: one patch in five is 3 % brighter.
     let wrong: Vec<Vec4> = light.iter().enumerate().map(|(j, b)| if j % 5 == 0 { *b * 1.03 } else { *b }).collect();
@@ -171,7 +176,8 @@ fn chi_square(tables: &AliasTables, row: usize, weights: &[u64], rotated: bool) 
     let range = [tables.row_start()[row], tables.row_start()[row + 1]];
     let n = range[1] - range[0];
     let settings = Settings { samples: 64, rotated, seed: 9, ..Settings::default() };
-    let (mut counts, frames) = (vec![0u64; n as usize], 2048);
+    let mut counts = vec![0u64; n as usize];
+    let frames = 2048;
     for frame in 0..frames {
         let p: SampleParams = settings.params(1, 0, frame);
         let first = first_word(row as u32, &p);
@@ -194,12 +200,14 @@ fn draws_have_the_rows_distribution() {
     for packing in [Packing::Stacks, Packing::Split] {
         let tables = tables(200, 3, packing);
         assert_eq!(tables.row_start(), row_start);
-        let (mut most, mut least_wrong) = (f64::MIN, f64::MAX);
+        let mut most = f64::MIN;
+        let mut least_wrong = f64::MAX;
         for &i in &long {
             let own = &values[row_start[i] as usize..row_start[i + 1] as usize];
             let weights = tables.weights(i);
             // The table's weights are the row's, to one part.
-            let (n, sum) = (own.len() as f64, own.iter().map(|&v| f64::from(v)).sum::<f64>());
+            let n = own.len() as f64;
+            let sum = own.iter().map(|&v| f64::from(v)).sum::<f64>();
             for (v, w) in own.iter().zip(&weights) {
                 assert!((f64::from(*v) / sum * n * 65_536.0 - *w as f64).abs() <= 1.0 + 1e-6 * *w as f64);
             }
@@ -236,13 +244,15 @@ fn entries_too_small_for_a_part_leave_whole_rows() {
 #[test]
 fn both_packings_have_the_same_distribution() {
     for seed in 0..20 {
-        let (a, b) = (tables(150, seed, Packing::Stacks), tables(150, seed, Packing::Split));
+        let a = tables(150, seed, Packing::Stacks);
+        let b = tables(150, seed, Packing::Split);
         assert_eq!((a.words(), a.sums()), (b.words(), b.sums()));
         assert!((0..150).all(|i| a.weights(i) == b.weights(i)), "{seed}");
         let parts = |i: usize| a.weights(i).iter().sum::<u64>() == 65_536 * a.weights(i).len() as u64;
         assert!((0..150).all(parts));
     }
-    let (a, b) = (tables(150, 1, Packing::Stacks), tables(150, 2, Packing::Split));
+    let a = tables(150, 1, Packing::Stacks);
+    let b = tables(150, 2, Packing::Split);
     assert!((0..150).any(|i| a.weights(i) != b.weights(i)));
 }
 
@@ -270,7 +280,8 @@ fn albedo(n: u32) -> Vec<Vec4> {
 #[test]
 fn still_light_has_no_noise_at_all_with_the_control_variate() {
     let n = 200;
-    let (source, albedo) = (light(n, 5), albedo(n));
+    let source = light(n, 5);
+    let albedo = albedo(n);
     for samples in [1, 4, 16] {
         for rows in [&lists(n, 1) as &dyn Rows, &tables(n, 1, Packing::Stacks)] {
             let settings = Settings { samples, ..Settings::default() };
@@ -321,7 +332,9 @@ impl<D: Distribution> Rows for D {
 fn errors_of_increments_do_not_pile_up() {
     // Light that never rests, and comes back to what it was: without exact sums the errors stay.
     let n = 200;
-    let (source, albedo, rows) = (light(n, 5), albedo(n), lists(n, 1));
+    let source = light(n, 5);
+    let albedo = albedo(n);
+    let rows = lists(n, 1);
     let moved = light(n, 6);
     let after = |refresh: u32| {
         let settings = Settings { samples: 8, refresh, ..Settings::default() };
@@ -332,7 +345,8 @@ fn errors_of_increments_do_not_pile_up() {
         (0..64).for_each(|_| state.advance(&rows, &source, &albedo, &settings).unwrap());
         distance(&state.irradiance, &at_rest(&rows, &source, &albedo))
     };
-    let (with, without) = (after(16), after(0));
+    let with = after(16);
+    let without = after(0);
     println!("error {with:.1e} with exact sums, {without:.1e} without");
     assert!(with < 1e-3 && without > 0.1);
 }
@@ -341,12 +355,15 @@ fn errors_of_increments_do_not_pile_up() {
 fn increments_are_unbiased() {
     // The mean over seeds of light that has changed twice; no exact sums.
     let n = 120;
-    let (rows, black) = (lists(n, 4), vec![Vec4::ZERO; n as usize]);
+    let rows = lists(n, 4);
+    let black = vec![Vec4::ZERO; n as usize];
     let lights =
         [light(n, 5), light(n, 6), light(n, 7)].map(|l| l.iter().map(|b| *b + Vec4::splat(4.0)).collect::<Vec<_>>());
     let mut product = vec![Vec4::ZERO; n as usize];
     rows.apply(&lights[2], &mut product).unwrap();
-    let (mut sum, mut squares, seeds) = (vec![0.0f64; n as usize], vec![0.0f64; n as usize], 2048);
+    let mut sum = vec![0.0f64; n as usize];
+    let mut squares = vec![0.0f64; n as usize];
+    let seeds = 2048;
     for seed in 0..seeds {
         let settings = Settings { samples: 16, rotated: false, refresh: 0, seed, ..Settings::default() };
         let mut state = State::new(n as usize);
@@ -372,9 +389,12 @@ fn increments_are_unbiased() {
 #[test]
 fn a_step_of_the_light_arrives_within_eight_frames() {
     let n = 200;
-    let (source, albedo, rows) = (light(n, 5), albedo(n), lists(n, 1));
+    let source = light(n, 5);
+    let albedo = albedo(n);
+    let rows = lists(n, 1);
     let bright: Vec<Vec4> = source.iter().enumerate().map(|(j, e)| *e * if j % 2 == 0 { 3.0 } else { 0.1 }).collect();
-    let (from, to) = (at_rest(&rows, &source, &albedo), at_rest(&rows, &bright, &albedo));
+    let from = at_rest(&rows, &source, &albedo);
+    let to = at_rest(&rows, &bright, &albedo);
     let settings = [
         Settings { samples: 64, ..Settings::default() },
         Settings { samples: 64, control_variate: false, ..Settings::default() },
@@ -402,7 +422,9 @@ fn a_step_of_the_light_arrives_within_eight_frames() {
 fn light_that_chooses_its_weight_follows_and_rests() {
     // Errors of light that moves steadily, and noise of light that rests, beside those of fixed weights.
     let n = 200;
-    let (source, black, rows) = (light(n, 5), vec![Vec4::ZERO; n as usize], lists(n, 1));
+    let source = light(n, 5);
+    let black = vec![Vec4::ZERO; n as usize];
+    let rows = lists(n, 1);
     let at = |t: f32| -> Vec<Vec4> {
         source
             .iter()
@@ -412,7 +434,8 @@ fn light_that_chooses_its_weight_follows_and_rests() {
     };
     let errors = |blend: Blend| {
         let settings = Settings { samples: 8, control_variate: false, rotated: false, blend, ..Settings::default() };
-        let (mut state, mut exact) = (State::new(n as usize), vec![Vec4::ZERO; n as usize]);
+        let mut state = State::new(n as usize);
+        let mut exact = vec![Vec4::ZERO; n as usize];
         let mut mean = [0.0f32; 2];
         for frame in 0..400 {
             let now = at((frame as f32).min(200.0));
@@ -428,7 +451,8 @@ fn light_that_chooses_its_weight_follows_and_rests() {
         mean
     };
     let auto = errors(Blend::Auto { frames: 100.0 });
-    let (short, long) = (errors(Blend::Fixed(0.5)), errors(Blend::Fixed(0.98)));
+    let short = errors(Blend::Fixed(0.5));
+    let long = errors(Blend::Fixed(0.98));
     println!("moving and resting: by itself {auto:?}, w 0.5 {short:?}, w 0.98 {long:?}");
     // As good as each where that one is good, and better where it is not.
     assert!(auto[0] < 1.15 * short[0].min(long[0]) && auto[1] < 1.3 * long[1]);
@@ -441,7 +465,8 @@ fn white_furnace() {
     let n = 100usize;
     let hits: Vec<u32> = (0..n as u32).flat_map(|i| (0..64).map(move |k| hash3(i, k, 4) % 100)).collect();
     let rows = RayLists::from_hits(n, &hits, 64).unwrap();
-    let (source, rho) = (vec![Vec4::new(1.0, 2.0, 0.5, 0.0); n], 0.7);
+    let source = vec![Vec4::new(1.0, 2.0, 0.5, 0.0); n];
+    let rho = 0.7;
     for (control_variate, blend) in
         [(true, Blend::Fixed(0.5)), (false, Blend::Fixed(0.5)), (false, Blend::Auto { frames: 8.0 })]
     {
@@ -461,13 +486,15 @@ fn white_furnace() {
 #[test]
 fn the_number_of_threads_changes_no_bit() {
     let n = 300;
-    let (source, albedo) = (light(n, 5), albedo(n));
+    let source = light(n, 5);
+    let albedo = albedo(n);
     let run = |threads: usize, seed: u32, control_variate: bool| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         pool.install(|| {
             let settings = Settings { samples: 8, seed, control_variate, ..Settings::default() };
             let rows = tables(n, 1, Packing::Split);
-            let (mut a, mut b) = (State::new(n as usize), State::new(n as usize));
+            let mut a = State::new(n as usize);
+            let mut b = State::new(n as usize);
             for _ in 0..20 {
                 a.advance(&rows, &source, &albedo, &settings).unwrap();
                 b.advance(&lists(n, 1), &source, &albedo, &settings).unwrap();

@@ -111,7 +111,8 @@ mod tests {
     fn the_way_back_leads_to_the_start() {
         let order = Permutation::new(vec![3, 0, 4, 1, 2]).unwrap();
         let values: Vec<Vec4> = (0..5).map(|k| Vec4::splat(k as f32)).collect();
-        let (mut ordered, mut back) = (vec![Vec4::ZERO; 5], vec![Vec4::ZERO; 5]);
+        let mut ordered = vec![Vec4::ZERO; 5];
+        let mut back = vec![Vec4::ZERO; 5];
         order.apply(&values, &mut ordered).unwrap();
         assert_eq!(ordered[0].x, 3.0);
         order.undo(&ordered, &mut back).unwrap();

@@ -69,10 +69,12 @@ fn rows_and_products_are_those_of_sparse_rows() {
         let hits = hits(rows, rays, columns);
         let scales: Vec<f32> = (0..rows).map(|i| (1.0 + unit(hash3(i, 9, 9))) / rays as f32).collect();
         let columns = columns as usize;
-        let (counts, csr) = (operator(columns, &hits, &scales), counted(&hits, columns, &scales));
+        let counts = operator(columns, &hits, &scales);
+        let csr = counted(&hits, columns, &scales);
         assert_eq!(counts.to_csr().unwrap(), csr);
         let light = exitance(columns);
-        let (found, expected) = (product(&counts, &light), product(&csr, &light));
+        let found = product(&counts, &light);
+        let expected = product(&csr, &light);
         // Sums in other orders, of up to 2000 positive terms.
         assert!(difference(&found, &expected) < 4e-6, "{rows} × {columns}: {}", difference(&found, &expected));
         assert!(found.iter().all(|h| h.w == 0.0));
@@ -90,7 +92,9 @@ fn rows_and_products_are_those_of_sparse_rows() {
 
 #[test]
 fn constant_exitance_gives_the_share_that_is_not_sky() {
-    let (rows, rays, columns) = (40, 512, 300);
+    let rows = 40;
+    let rays = 512;
+    let columns = 300;
     let hits = hits(rows, rays, columns);
     let scales = vec![1.0 / rays as f32; rows as usize];
     let found = product(&operator(columns as usize, &hits, &scales), &vec![Vec4::new(1.0, 2.0, 4.0, 9.0); 300]);
@@ -139,7 +143,9 @@ fn equal_counts_fill_quads() {
 
 #[test]
 fn blocks_and_threads_change_no_byte() {
-    let (rows, rays, columns) = (333, 128, 500);
+    let rows = 333;
+    let rays = 128;
+    let columns = 500;
     let hits = hits(rows, rays, columns);
     let scales: Vec<f32> = (0..rows).map(|i| unit(hash3(i, 2, 2))).collect();
     let light = exitance(columns as usize);
@@ -154,7 +160,9 @@ fn blocks_and_threads_change_no_byte() {
             (rows, found)
         })
     };
-    let (one, two, three) = (on(1, 333), on(2, 50), on(3, 1));
+    let one = on(1, 333);
+    let two = on(2, 50);
+    let three = on(3, 1);
     assert!(one == two && two == three && one.0 == whole);
     assert_ne!(product(&whole, &exitance(columns as usize).into_iter().rev().collect::<Vec<_>>()), one.1);
 }

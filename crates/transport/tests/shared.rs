@@ -96,7 +96,8 @@ fn parts_are_numbered_level_by_level_and_cover_the_list() {
     for (i, part) in parts.iter().enumerate() {
         assert_eq!(part.value, items[part.range.clone()].iter().sum::<u32>(), "{i}");
         if let Some(child) = part.first_child {
-            let (left, right) = (&parts[child], &parts[child + 1]);
+            let left = &parts[child];
+            let right = &parts[child + 1];
             assert!(child > i && left.range.end == right.range.start);
             assert_eq!(left.range.start..right.range.end, part.range);
         } else {

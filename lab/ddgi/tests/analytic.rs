@@ -89,7 +89,8 @@ fn a_point_takes_the_light_of_the_probes_that_it_sees() {
     assert!((looked_up(2.0, FAR) - 2.0).abs() < 1e-4, "even light is what it is");
     // Probes behind the surface count less than those before it: (½ (1 ∓ 1/√3))² + 0.2.
     let share = |cosine: f32| (0.5 * (1.0 + cosine)).powi(2) + 0.2;
-    let (front, back) = (share(1.0 / 3f32.sqrt()), share(-1.0 / 3f32.sqrt()));
+    let front = share(1.0 / 3f32.sqrt());
+    let back = share(-1.0 / 3f32.sqrt());
     let expected = (front * 2f32.sqrt() / (front + back)).powi(2);
     assert!((looked_up(0.0, FAR) - expected).abs() < 1e-4, "{} {expected}", looked_up(0.0, FAR));
     // Probes from which a surface hides the point count for almost nothing: 0.05 of their share, crushed.

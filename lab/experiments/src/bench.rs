@@ -40,7 +40,8 @@ use patches::SceneResult;
 use patchlight::{Bake, BakeSettings, Estimator, LightSettings, PictureRenderer, PictureSettings};
 pub use rows::Part;
 use rows::Row;
-use runtime::executor::{DeviceChoice, DeviceKind, open};
+use runtime::executor::{DeviceChoice, DeviceKind};
+use shell::device::open;
 
 /// Scenes of an experiment that names none.
 const SCENES: [&str; 2] = ["cornell", "atrium"];
@@ -224,9 +225,9 @@ fn write(machine: &Machine, results: &[SceneResult], out: &Path) -> Result<(), E
     }
     let introduction = [
         machine.sentence(),
-        "Errors are those of indirect light. Blocks are means of 8 × 8 pixels: the median of the relative errors of their \
-         luminance, and the PSNR of what a display shows of them, exposed by 0.18 over the log-average of the reference. \
-         Points gather exactly from the patches, so their errors do not depend on receivers."
+        "Errors are those of indirect light. Blocks are means of 8 × 8 pixels: the median of the relative errors of \
+         their luminance, and the PSNR of what a display shows of them, exposed by 0.18 over the log-average of the \
+         reference. Points gather exactly from the patches, so their errors do not depend on receivers."
             .to_owned(),
     ];
     let sections = results.iter().map(|result| &result.section);
@@ -235,14 +236,12 @@ fn write(machine: &Machine, results: &[SceneResult], out: &Path) -> Result<(), E
 
 /// Settings of a bake of so many patches of a scene.
 fn bake_settings(common: &Common, args: &Bench, loaded: &LoadedScene, count: usize) -> BakeSettings {
-    BakeSettings {
-        patch_count: count,
-        focus: args.focus.focus(loaded, &loaded.animation),
-        estimator: Estimator::Hemisphere { rays: args.rays },
-        receiver_rays: args.receiver_rays(),
-        seed: common.seed,
-        ..BakeSettings::default()
-    }
+    BakeSettings::default()
+        .with_patch_count(count)
+        .with_focus(args.focus.focus(loaded, &loaded.animation))
+        .with_estimator(Estimator::Hemisphere { rays: args.rays })
+        .with_receiver_rays(args.receiver_rays())
+        .with_seed(common.seed)
 }
 
 /// Puts a bake on the device of the options. What there is to say of the device was said when the

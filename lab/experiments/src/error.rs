@@ -24,7 +24,8 @@ pub enum Error {
     },
     /// Data of the report are not what they should be.
     #[error(
-        "{}: not data of the report ({why}); measure again with `patchlight bench {experiment}`, or mend the file", path.display()
+        "{}: not data of the report ({why}); measure again with `patchlight bench {experiment}`, or mend the \
+         file", path.display()
     )]
     Data {
         /// The file.

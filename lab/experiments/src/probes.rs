@@ -69,7 +69,8 @@ impl DeviceDdgi {
     pub fn update(&mut self, lights: &[Light], number: u32) -> Result<(), Error> {
         let most = self.scene.light_capacity();
         if lights.len() > most {
-            let (value, rule) = (lights.len() as f64, "no more than the scene of the probes has");
+            let value = lights.len() as f64;
+            let rule = "no more than the scene of the probes has";
             return Err(reference::Error::Setting { name: "lights", value, rule }.into());
         }
         self.lighting.lights.clear();

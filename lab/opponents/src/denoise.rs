@@ -57,7 +57,8 @@ impl Guides {
         let tables = scene.tables();
         let scale = 1.0 / scene.diagonal().max(f32::MIN_POSITIVE);
         let seen = |pixel: u32| {
-            let (x, y) = ((pixel % camera.width) as f32 + 0.5, (pixel / camera.width) as f32 + 0.5);
+            let x = (pixel % camera.width) as f32 + 0.5;
+            let y = (pixel / camera.width) as f32 + 0.5;
             let direction = camera_direction(camera, x, y).normalize();
             let hit = scene.closest_before(camera.eye, direction, FAR);
             if hit.is_miss() {
@@ -135,9 +136,11 @@ impl Level<'_> {
         if normal == Vec3::ZERO {
             return self.pixels[k];
         }
-        let (position, colour) = (self.guides.positions[k], self.pixels[k]);
+        let position = self.guides.positions[k];
+        let colour = self.pixels[k];
         let at = ivec2(k as i32 % self.size.x, k as i32 / self.size.x);
-        let (mut sum, mut total) = (Vec3::ZERO, 0.0);
+        let mut sum = Vec3::ZERO;
+        let mut total = 0.0;
         for tap in 0..25 {
             let step = ivec2(tap % 5, tap / 5) - 2;
             let place = at + step * self.apart;

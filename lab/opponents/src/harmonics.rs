@@ -72,7 +72,8 @@ pub fn spherical_fibonacci(count: u32) -> Vec<Vec3> {
 /// A rotation, all alike likely (Shoemake 1992, "Uniform Random Rotations").
 pub fn random_turn(seed: u32) -> Quat {
     let [x, y, z] = [0, 1, 2].map(|axis| unit(hash3(seed, axis, 0x726f_7461)));
-    let (a, b) = ((1.0 - x).sqrt(), x.sqrt());
+    let a = (1.0 - x).sqrt();
+    let b = x.sqrt();
     let (sin_y, cos_y) = sin_cos_2pi(y);
     let (sin_z, cos_z) = sin_cos_2pi(z);
     Quat::from_xyzw(a * sin_y, a * cos_y, b * sin_z, b * cos_z).normalize()

@@ -172,7 +172,8 @@ impl IrradianceVolume {
     fn lookup(&self, position: Vec3, normal: Vec3) -> Vec3 {
         let harmonics = three_bands(normal);
         let mut sum = Vec3::ZERO;
-        let (mut total, used) = (0.0, self.coefficients());
+        let mut total = 0.0;
+        let used = self.coefficients();
         for (probe, weight) in self.grid.around(position) {
             for (light, y) in self.probes[probe][..used].iter().zip(harmonics) {
                 sum += *light * (y * weight);

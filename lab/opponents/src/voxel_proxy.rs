@@ -137,7 +137,8 @@ impl VoxelProxy {
         let area: f64 = scene.geometry.triangles.iter().map(|t| Polygon::of_triangle(t).area()).sum();
         let longest = f64::from((scene.geometry.bounds.1 - scene.geometry.bounds.0).max_element());
         // Faces are about as many as edge⁻² times the area.
-        let (mut small, mut large) = (longest * 1e-3, longest * 2.0);
+        let mut small = longest * 1e-3;
+        let mut large = longest * 2.0;
         let mut edge = (2.0 * area / target as f64).sqrt().clamp(small, large);
         let mut best: Option<(f64, Self)> = None;
         for _ in 0..TRIES {
@@ -214,7 +215,8 @@ impl VoxelProxy {
             self.for_shell(home, radius, |faces| {
                 for &face in faces.iter().filter(|&&f| f != NONE) {
                     let f = &self.faces[face as usize];
-                    let (agreement, distance) = (f.normal.dot(normal), f.centre.distance_squared(position));
+                    let agreement = f.normal.dot(normal);
+                    let distance = f.centre.distance_squared(position);
                     let better = |b: (f32, f32, u32)| (agreement, -distance) > (b.0, -b.1);
                     if agreement > 0.0 && best.is_none_or(better) {
                         best = Some((agreement, distance, face));
@@ -238,10 +240,12 @@ impl VoxelProxy {
         let (a, b) = across(face.side);
         // A point beyond the face's edge, whose own voxel has no such face, counts as on the edge.
         let place = |axis: Vec3| ((position - face.centre).dot(axis) / self.edge).clamp(-0.5, 0.5);
-        let (x, y) = (place(a), place(b));
+        let x = place(a);
+        let y = place(b);
         let mut sum = 0.0;
         for (k, entry) in weights.iter_mut().enumerate() {
-            let (dx, dy) = (k & 1, k >> 1);
+            let dx = k & 1;
+            let dy = k >> 1;
             let step = a * (dx as f32 * x.signum()) + b * (dy as f32 * y.signum());
             let voxel = [0, 1, 2].map(|axis| i64::from(face.voxel[axis]) + step[axis] as i64);
             let Some(faces) = self.faces_of(voxel) else { continue };
@@ -307,7 +311,8 @@ impl VoxelProxy {
         };
         for (face, number) in self.faces.iter().zip(0..) {
             let (a, b) = across(face.side);
-            let (a, b) = (a * self.edge, b * self.edge);
+            let a = a * self.edge;
+            let b = b * self.edge;
             let corner = face.centre - 0.5 * (a + b);
             for (half, (edge_a, edge_b)) in [(a, a + b), (a + b, b)].into_iter().enumerate() {
                 let source = 2 * number + half as u32;
@@ -353,7 +358,8 @@ impl VoxelProxy {
 /// Unit vectors along a face of this side, so that the first × the second is its normal.
 fn across(side: usize) -> (Vec3, Vec3) {
     let (axis, sign) = SIDES[side];
-    let (a, b) = (Vec3::AXES[(axis + 1) % 3], Vec3::AXES[(axis + 2) % 3]);
+    let a = Vec3::AXES[(axis + 1) % 3];
+    let b = Vec3::AXES[(axis + 2) % 3];
     if sign > 0.0 { (a, b) } else { (b, a) }
 }
 
@@ -363,7 +369,8 @@ fn number(layers: &[Layers; 3], voxel: [u32; 3]) -> u64 {
 }
 
 fn coordinates(layers: &[Layers; 3], voxel: u64) -> [u32; 3] {
-    let (x, y) = (u64::from(layers[0].count), u64::from(layers[1].count));
+    let x = u64::from(layers[0].count);
+    let y = u64::from(layers[1].count);
     [(voxel % x) as u32, (voxel / x % y) as u32, (voxel / (x * y)) as u32]
 }
 
@@ -374,7 +381,8 @@ fn layers(scene: &Scene, edge: f32) -> Result<[Layers; 3], Error> {
         return Err(setting("positive and finite"));
     }
     let edge = f64::from(edge);
-    let (low, high) = (scene.geometry.bounds.0.as_dvec3(), scene.geometry.bounds.1.as_dvec3());
+    let low = scene.geometry.bounds.0.as_dvec3();
+    let high = scene.geometry.bounds.1.as_dvec3();
     let counts = ((high - low) / edge + 2.0 * MARGIN).ceil().max(DVec3::ONE);
     if counts.element_product() > VOXEL_LIMIT as f64 {
         return Err(setting("large enough for at most 2^31 voxels"));
@@ -397,7 +405,8 @@ fn clipped_triangles(scene: &Scene, layers: &[Layers; 3]) -> Vec<ClippedTriangle
                     return;
                 }
                 let (share, radiance) = measure(scene, triangle, part);
-                let (area, centroid) = (whole * f64::from(share), part.centroid().as_vec3());
+                let area = whole * f64::from(share);
+                let centroid = part.centroid().as_vec3();
                 if area > least {
                     own.push(ClippedTriangle {
                         voxel: number(layers, cell),
@@ -421,7 +430,8 @@ fn measure(scene: &Scene, triangle: u32, part: &Polygon) -> (f32, Vec3) {
         return (1.0, material.radiance);
     }
     let geometry = scene.tables();
-    let (mut count, mut radiance) = (0.0, Vec3::ZERO);
+    let mut count = 0.0;
+    let mut radiance = Vec3::ZERO;
     for k in 0..CLIPPED_POINTS {
         let (u, v) = scene.shares(triangle, part.point(hammersley(k, CLIPPED_POINTS, (0, 0))).as_vec3());
         if !geometry.is_hole(triangle, u, v) {

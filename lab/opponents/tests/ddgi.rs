@@ -39,7 +39,8 @@ fn furnace(settings: DdgiSettings, frames: u32) -> f32 {
 #[test]
 fn a_furnace_has_the_light_of_all_bounces() {
     let is_furnace = |mean: f32, tolerance: f32| (mean - 1.0).abs() < tolerance;
-    let (one, many) = (spaced(0.5), DdgiSettings { area_rays: 16, ..spaced(0.5) });
+    let one = spaced(0.5);
+    let many = DdgiSettings { area_rays: 16, ..spaced(0.5) };
     assert!(is_furnace(furnace(many, 120), 0.02), "{}", furnace(many, 120));
     let noisy = furnace(one, 120);
     assert!(is_furnace(noisy, 0.07) && !is_furnace(noisy, 0.03), "{noisy}");
@@ -110,7 +111,8 @@ fn leak(visibility: bool) -> f32 {
 
 #[test]
 fn visibility_keeps_most_light_out_of_a_sealed_box() {
-    let (with, without) = (leak(true), leak(false));
+    let with = leak(true);
+    let without = leak(false);
     // What is left is known: the texels of a probe cannot tell the two sides of a wall without thickness apart at a
     // slant.
     let is_tight = |leak: f32| leak < 0.25;
@@ -147,7 +149,8 @@ fn relocation_moves_probes_away_from_surfaces() {
         let ddgi = Ddgi::new(&loaded.scene, DdgiSettings { relocation, ..spaced(0.11) }).unwrap();
         ddgi.probes().map(|(p, _)| p).collect::<Vec<_>>()
     };
-    let (moved, home) = (places(true), places(false));
+    let moved = places(true);
+    let home = places(false);
     let furthest = moved.iter().zip(&home).map(|(a, b)| (*a - *b).length()).fold(0.0, f32::max);
     assert!(furthest > 0.01 && furthest < 0.45 * 0.11 * 1.001, "{furthest}");
 }

@@ -10,7 +10,8 @@ const EDGE: u32 = 48;
 /// A floor on the left, a wall on the right.
 fn guides() -> Guides {
     let of = |k: u32| {
-        let (x, y) = ((k % EDGE) as f32 / EDGE as f32, (k / EDGE) as f32 / EDGE as f32);
+        let x = (k % EDGE) as f32 / EDGE as f32;
+        let y = (k / EDGE) as f32 / EDGE as f32;
         let normal = if k % EDGE < EDGE / 2 { Vec3::Y } else { Vec3::X };
         (normal, vec3(x, y, 0.0) * 0.1)
     };

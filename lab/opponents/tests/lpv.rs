@@ -68,7 +68,8 @@ fn a_furnace_has_much_of_the_light() {
 fn light_behind_wall(occlusion: bool) -> f32 {
     let mut b = Builder::default();
     let white = b.material(Vec3::splat(0.6), Vec3::ZERO);
-    let (z, up) = (16.0 * Vec3::Z, 8.0 * Vec3::Y);
+    let z = 16.0 * Vec3::Z;
+    let up = 8.0 * Vec3::Y;
     b.quad(Vec3::ZERO, z, 16.0 * Vec3::X, white);
     b.quad(7.5 * Vec3::X, z, up, white).quad(8.5 * Vec3::X, up, z, white);
     b.light(Light { kind: LIGHT_POINT, position: vec3(4.0, 3.0, 8.0), color: Vec3::splat(100.0), ..Light::default() });
@@ -80,7 +81,8 @@ fn light_behind_wall(occlusion: bool) -> f32 {
 
 #[test]
 fn it_is_darker_behind_a_blocker() {
-    let (with, without) = (light_behind_wall(true), light_behind_wall(false));
+    let with = light_behind_wall(true);
+    let without = light_behind_wall(false);
     let is_darker = |light: f32| light < 0.4 * without;
     assert!(is_darker(with), "{with} of {without}");
     // In two bands a lobe stops three quarters of the light that meets it upright.

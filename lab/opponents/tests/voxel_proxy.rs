@@ -32,7 +32,9 @@ fn proxy_of(scene: &Scene) -> VoxelProxy {
 /// Returns true if the faces are those of a hollow cube: their number and area, closed (Σ A n = 0), and by the
 /// divergence theorem ⅓ Σ A c·n the volume of its voxels, which holds for outward normals only.
 fn is_hollow_cube(proxy: &VoxelProxy, normal: impl Fn(Vec3) -> Vec3) -> bool {
-    let (mut area, mut closure, mut volume) = (0.0, Vec3::ZERO, 0.0);
+    let mut area = 0.0;
+    let mut closure = Vec3::ZERO;
+    let mut volume = 0.0;
     for face in &proxy.faces {
         let n = normal(face.normal);
         area += proxy.face_area();
@@ -113,7 +115,8 @@ fn emission_keeps_its_power_and_its_side() {
 fn reflectance_is_the_mean_of_the_voxel() {
     // Three voxels of 0.4 from −0.1 on; red up to 0.4, a fourth of the middle one, green from there.
     let mut b = Builder::default();
-    let (red, green) = (Vec3::new(0.8, 0.0, 0.0), Vec3::new(0.0, 0.6, 0.0));
+    let red = Vec3::new(0.8, 0.0, 0.0);
+    let green = Vec3::new(0.0, 0.6, 0.0);
     let materials = [red, green].map(|albedo| b.material(albedo, Vec3::ZERO));
     b.quad(Vec3::ZERO, Vec3::Z, 0.4 * Vec3::X, materials[0]);
     b.quad(0.4 * Vec3::X, Vec3::Z, 0.6 * Vec3::X, materials[1]);
@@ -183,7 +186,8 @@ fn the_proxy_of_a_closed_box_is_a_furnace() {
 fn places() -> impl Iterator<Item = (Vec3, Vec3)> {
     (0..2000).map(|k| {
         let random = |d| unit(hash3(k, d, 7));
-        let (axis, high) = (k as usize % 3, k / 3 % 2 == 1);
+        let axis = k as usize % 3;
+        let high = k / 3 % 2 == 1;
         let mut position = vec3(random(0), random(1), random(2));
         position[axis] = f32::from(u8::from(high));
         let normal = if high { -Vec3::AXES[axis] } else { Vec3::AXES[axis] };
@@ -216,7 +220,8 @@ fn the_lookup_finds_the_face_above_a_point() {
 #[test]
 fn hidden_faces_are_not_found() {
     let mut proxy = proxy_of(&unit_box(0.5).build());
-    let (place, normal) = (vec3(0.4, 0.0, 0.6), Vec3::Y);
+    let place = vec3(0.4, 0.0, 0.6);
+    let normal = Vec3::Y;
     let before = proxy.face_at(place, normal).unwrap();
     proxy.hide_faces(|face| face == before);
     let after = proxy.face_at(place, normal).unwrap();
@@ -272,7 +277,8 @@ fn the_edge_follows_from_the_number_of_faces() {
     let scene = support::room(0.5);
     let faces = |target| VoxelProxy::for_count(&scene, target, |p| p.faces.len()).unwrap();
     // The walls of a room that lies along the grid move from layer to layer together: the number goes in steps.
-    let (some, many) = (faces(500), faces(5000));
+    let some = faces(500);
+    let many = faces(5000);
     for (proxy, target, step) in [(&some, 500.0, 0.2), (&many, 5000.0, 0.1)] {
         let ratio = proxy.faces.len() as f32 / target;
         assert!((ratio - 1.0).abs() < step, "{} faces", proxy.faces.len());

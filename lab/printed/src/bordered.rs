@@ -82,7 +82,8 @@ impl PrintedMatrix {
         let Some(new) = self.contents.iter().position(Option::is_none) else {
             return Err(Error::Full { needed: 1, free: 0, slots: m });
         };
-        let (mut row, mut column) = (vec![0.0f32; m], vec![0.0f32; m]);
+        let mut row = vec![0.0f32; m];
+        let mut column = vec![0.0f32; m];
         for &(other, factor) in factors {
             if let Some(&slot) = self.slots.get(&other) {
                 row[slot as usize] += factor;
@@ -153,8 +154,10 @@ fn border(plane: &mut [f32], colours: &[f32], (row, column): (&[f32], &[f32]), c
     let m = colours.len();
     let double_reflection: f32 = (0..m).map(|i| row[i] * column[i] * colours[i]).sum();
     let with_reflection = |f: &[f32]| f.iter().map(|f| f + f * c * double_reflection).collect::<Vec<f32>>();
-    let (row, column) = (with_reflection(row), with_reflection(column));
-    let (mut g_row, mut g_column) = (row.clone(), column.clone());
+    let row = with_reflection(row);
+    let column = with_reflection(column);
+    let mut g_row = row.clone();
+    let mut g_column = column.clone();
     for (i, line) in plane.chunks(m).enumerate() {
         let part = colours[i] * row[i];
         g_row.iter_mut().zip(line).for_each(|(g, f)| *g += part * f);

@@ -10,12 +10,14 @@ use patches::{EMPTY_CELL, Lookup};
 /// `values` has one entry for each patch of the table.
 pub fn light_at(table: &Lookup, values: &[Vec4], x: Vec3, n: Vec3) -> Vec4 {
     let place = table.params.shape.in_voxels(x) - 0.5;
-    let (mut sum, mut total) = (Vec4::ZERO, 0.0);
+    let mut sum = Vec4::ZERO;
+    let mut total = 0.0;
     for corner in 0..8 {
         let step = IVec3::new(corner & 1, corner >> 1 & 1, corner >> 2);
         let share = Vec3::ONE - (place - place.floor() - step.as_vec3()).abs();
         let Some(cell) = patches_of(table, place.floor().as_ivec3() + step) else { continue };
-        let (mut lighting, mut facing) = (Vec4::ZERO, 0.0);
+        let mut lighting = Vec4::ZERO;
+        let mut facing = 0.0;
         for entry in &table.entries[table.offsets[cell] as usize..table.offsets[cell + 1] as usize] {
             let cosine = n.dot(entry.direction).max(0.0);
             lighting += values[entry.patch as usize] * cosine;

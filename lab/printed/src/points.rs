@@ -20,12 +20,15 @@ impl Estimator for PrintedPoints {
         // What the rays meet is nobody's: they tell of the sky alone.
         let (sky, _) = Hemisphere { rays: self.sky_rays }.row(s, row, factors);
         let point = &s.points[s.offsets[row] as usize];
-        let (here, normal) = (point.position.as_dvec3(), point.normal.as_dvec3());
+        let here = point.position.as_dvec3();
+        let normal = point.normal.as_dvec3();
         let lift = f64::from(s.ray_offset);
         for (patch, out) in s.patches.iter().zip(factors) {
-            let (there, back) = (patch.centroid.as_dvec3(), patch.normal.as_dvec3());
+            let there = patch.centroid.as_dvec3();
+            let back = patch.normal.as_dvec3();
             let to = there - here;
-            let (cos_here, cos_there) = (to.dot(normal), -to.dot(back));
+            let cos_here = to.dot(normal);
+            let cos_there = -to.dot(back);
             let start = (here + normal * lift).as_vec3();
             let faces = cos_here > 0.0 && cos_there > 0.0;
             *out = match faces && !s.visibility.any_hit(start, (there + back * lift).as_vec3()) {

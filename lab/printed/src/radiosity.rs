@@ -59,7 +59,9 @@ impl<'a> PrintedRadiosity<'a> {
         let table = Lookup::new(&grid, &made.set, LookupSettings::default())?;
         let samples = |voxel: u32| grid.slot_of(voxel).map_or(0..0, |slot| set.range(slot));
         let voxel_samples = made.set.patches.iter().map(|patch| samples(patch.voxel)).collect();
-        let (factors, sky, most_entries) = (made.factors, made.sky, made.most_entries);
+        let factors = made.factors;
+        let sky = made.sky;
+        let most_entries = made.most_entries;
         Ok(Self { scene, set: made.set, factors, sky, most_entries, voxel_samples, table, seed: settings.seed })
     }
 
@@ -167,7 +169,8 @@ impl<'a> Points<'a> {
         let boxed = |error: formfactor::Error| patches::Error::Rows(Box::new(error));
         let estimator = PrintedPoints { sky_rays: SKY_RAYS };
         let found = form_factors(&estimator, &surfaces, &|_, _| ControlFlow::Continue(())).map_err(boxed)?;
-        let (done, total) = (range.end, self.points.len());
+        let done = range.end;
+        let total = self.points.len();
         if report(done, total).is_break() {
             return Err(boxed(transport::Error::Cancelled { done, total }.into()));
         }

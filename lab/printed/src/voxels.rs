@@ -188,7 +188,8 @@ struct Merging {
 
 impl Merging {
     fn new(samples: &[Sample], own: Range<usize>, rows: &PointRows, patch_of: &[usize], before: &[f64]) -> Self {
-        let (first, n) = (before.len(), own.len());
+        let first = before.len();
+        let n = own.len();
         let area = |k: usize| f64::from(samples[k].area);
         let mut areas = before.to_vec();
         areas.extend((own.start..samples.len()).map(area));
@@ -282,7 +283,8 @@ impl Merging {
     fn merge(&mut self, i: usize, j: usize) {
         let (Some(mut a), Some(b)) = (self.clusters[i].take(), self.clusters[j].take()) else { return };
         let area = a.area + b.area;
-        let (u, v) = (a.area / area, b.area / area);
+        let u = a.area / area;
+        let v = b.area / area;
         a.row.iter_mut().zip(&b.row).for_each(|(x, y)| *x = u * *x + v * y);
         a.colour = u * a.colour + v * b.colour;
         // Normals that cancel leave none to make a unit: that of the greater part.
@@ -293,7 +295,8 @@ impl Merging {
         a.members.extend(b.members);
         a.members.sort_unstable();
         self.clusters[i] = Some(a);
-        let (to, from) = (self.first + i, self.first + j);
+        let to = self.first + i;
+        let from = self.first + j;
         for cluster in self.clusters.iter_mut().flatten() {
             cluster.row[to] += std::mem::take(&mut cluster.row[from]);
         }
@@ -394,7 +397,10 @@ fn axes(samples: &[Sample]) -> BTreeMap<usize, Vec<(usize, f64)>> {
 /// As [`printed_cluster_patches`].
 pub fn printed_axis_patches(grid: &Grid, set: SampleSet, rows: &RowsOfPoints) -> Result<PrintedPatches, Error> {
     let samples = &set.samples;
-    let (mut patches, mut offsets, mut members, mut areas) = (Vec::new(), vec![0], Vec::new(), Vec::<f64>::new());
+    let mut patches = Vec::new();
+    let mut offsets = vec![0];
+    let mut members = Vec::new();
+    let mut areas = Vec::<f64>::new();
     // Patches of each sample with its weight, and of each voxel.
     let mut parts: Vec<Vec<(usize, f64)>> = vec![Vec::new(); samples.len()];
     let mut voxel_patches = vec![0];
@@ -427,7 +433,9 @@ pub fn printed_axis_patches(grid: &Grid, set: SampleSet, rows: &RowsOfPoints) ->
         voxel_patches.push(patches.len());
     }
     let n = patches.len();
-    let (mut factors, mut sky, mut most_entries) = (Dense::zeros(n, n), vec![0.0; n], 0);
+    let mut factors = Dense::zeros(n, n);
+    let mut sky = vec![0.0; n];
+    let mut most_entries = 0;
     for slot in 0..grid.len() {
         let own = set.range(slot);
         let first = voxel_patches[slot];

@@ -62,7 +62,8 @@ fn it_is_near_what_is_exact_and_drifts() {
     let rows = rows();
     (0..3).for_each(|k| exact.add(&[entering(k, &rows[k])]).unwrap());
     let entry = |i: usize, j: usize| {
-        let (m, area) = (exact.slots(), exact.sqrt_area());
+        let m = exact.slots();
+        let area = exact.sqrt_area();
         exact.state()[i * m + j] * area[j] / area[i]
     };
     let error = |matrix: &PrintedMatrix| {

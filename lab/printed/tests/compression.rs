@@ -16,7 +16,8 @@ fn the_printed_order_by_hand() {
     for _ in ["columns", "rows"] {
         for next in 1..4 {
             let own = expected[next - 1];
-            let (mut closest, mut least) = (0, f32::INFINITY);
+            let mut closest = 0;
+            let mut least = f32::INFINITY;
             for (k, &other) in expected.iter().enumerate() {
                 if other != own && distance(own, other) < least {
                     (closest, least) = (k, distance(own, other));

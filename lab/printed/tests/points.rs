@@ -17,7 +17,8 @@ fn two_points_by_hand() {
     let scene = |height: f32| {
         let corner = Vec3::new(-1.0, height, -1.0);
         let triangle = Triangle { corner, edge_a: Vec3::X * 9.0, edge_b: Vec3::Z * 9.0, ..Triangle::default() };
-        let (triangles, uvs) = (vec![triangle], vec![TriangleUv::default()]);
+        let triangles = vec![triangle];
+        let uvs = vec![TriangleUv::default()];
         Scene::new(SceneParts { triangles, uvs, materials: vec![Material::default()], ..<_>::default() }).unwrap()
     };
     let factor = |estimator: &dyn formfactor::Estimator, height: f32| {
@@ -36,7 +37,8 @@ fn two_points_by_hand() {
         form_factors(estimator, &surfaces, &|_, _| ControlFlow::Continue(())).unwrap()
     };
     let printed = PrintedPoints { sky_rays: 64 };
-    let (above, between) = (factor(&printed, 3.0), factor(&printed, 1.0));
+    let above = factor(&printed, 3.0);
+    let between = factor(&printed, 1.0);
     let expected = 0.5 * 0.5 / (core::f32::consts::PI * 4.0);
     assert!((above.factors.values[0] - expected).abs() < 1e-6);
     assert_eq!(between.factors.values[0], 0.0);

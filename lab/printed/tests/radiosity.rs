@@ -16,14 +16,12 @@ fn light_by_printed_patches_has_no_scale() {
     let mean = |picture: &patchlight::Picture| {
         picture.pixels.iter().map(|p| luminance(*p)).sum::<f32>() / picture.pixels.len() as f32
     };
-    let settings = BakeSettings {
-        patches: patches::PatchKind::Axis,
-        patch_count: 200,
-        estimator: Estimator::Hemisphere { rays: 512 },
-        receivers: ReceiverKind::Patches,
-        bounces: Some(BOUNCES),
-        ..BakeSettings::default()
-    };
+    let settings = BakeSettings::default()
+        .with_patches(patches::PatchKind::Axis)
+        .with_patch_count(200)
+        .with_estimator(Estimator::Hemisphere { rays: 512 })
+        .with_receivers(ReceiverKind::Patches)
+        .with_bounces(Some(BOUNCES));
     let bake = Bake::build(&loaded.scene, &settings, &Silent).unwrap();
     let light = LightSettings::default();
     let pictures = PictureSettings::default().with_size(SIZE).with_sub_frames(2);
@@ -39,7 +37,8 @@ fn light_by_printed_patches_has_no_scale() {
             let irradiance = printed.irradiance(8, bounces).unwrap();
             mean(&printed.indirect(&irradiance, &camera, 2).unwrap())
         };
-        let (found, one) = (light(BOUNCES), light(1));
+        let found = light(BOUNCES);
+        let one = light(1);
         println!("{form:?}: {} times the light of ours", found / mean(&ours));
         assert!(found.is_finite() && found > 1.5 * mean(&ours), "{form:?}: {found} of {}", mean(&ours));
         assert!(one > 0.0 && one < found, "{form:?}: {one}");

@@ -117,7 +117,8 @@ impl Slow {
     }
 
     fn merge(&mut self, i: usize, j: usize) {
-        let (a, b) = (self.area[i], self.area[j]);
+        let a = self.area[i];
+        let b = self.area[j];
         let other = self.factors.remove(j);
         for (x, y) in self.factors[i].iter_mut().zip(other) {
             *x = (a * *x + b * y) / (a + b);
@@ -293,7 +294,8 @@ fn area(set: &SampleSet) -> f64 {
 fn areas_are_those_of_whole_triangles_over_all_of_their_samples() {
     let mut mesh = Mesh::default();
     mesh.quad(Vec3::new(0.1, 0.2, 0.3), Vec3::new(2.0, 0.3, 0.1), Vec3::new(-0.2, 1.4, 0.7));
-    let (whole, scene) = (mesh.area(), mesh.scene(1.0));
+    let whole = mesh.area();
+    let scene = mesh.scene(1.0);
     let settings = PrintedSettings { form: Form::Axes, count: 0, voxel_size: Some(0.5), seed: 0 };
     let (grid, set) = printed_samples(&scene, &settings).unwrap();
     // Both sides are met, and have the area and the normal of the front together.

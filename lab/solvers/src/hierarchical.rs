@@ -182,7 +182,8 @@ impl<'a> Solver<'a> {
     /// A node with the means of source and albedo over about as many places as it may have parts.
     fn node(&self, polygon: Polygon, triangle: u32, shares: [Vec2; 3]) -> Node {
         let n = scene::math::sqrt(polygon.area as f32 / self.settings.least_area).ceil().clamp(1.0, MAX_PLACES) as u32;
-        let (mut source, mut albedo) = (Vec3::ZERO, Vec3::ZERO);
+        let mut source = Vec3::ZERO;
+        let mut albedo = Vec3::ZERO;
         let mut add = |x: f32, y: f32| {
             let at = shares[0] + (shares[1] - shares[0]) * (x / n as f32) + (shares[2] - shares[0]) * (y / n as f32);
             let (e, rho) = (self.scene.light)(triangle as usize, at);
@@ -191,7 +192,8 @@ impl<'a> Solver<'a> {
         };
         for row in 0..n {
             for column in 0..n - row {
-                let (x, y) = (row as f32, column as f32);
+                let x = row as f32;
+                let y = column as f32;
                 add(x + 1.0 / 3.0, y + 1.0 / 3.0);
                 if row + column + 1 < n {
                     add(x + 2.0 / 3.0, y + 2.0 / 3.0);
@@ -199,7 +201,8 @@ impl<'a> Solver<'a> {
             }
         }
         let scale = 1.0 / (n * n) as f32;
-        let (source, albedo) = (source * scale, albedo * scale);
+        let source = source * scale;
+        let albedo = albedo * scale;
         Node {
             polygon,
             triangle,
@@ -248,11 +251,14 @@ impl<'a> Solver<'a> {
         let (Some(a), Some(b)) = cut(a, b) else { return 0.0 };
         let key = |d: u32| hash3(link.nodes[0], link.nodes[1], hash3(d, 0x6c69_6e6b, self.settings.seed));
         let shift = [0, 1, 2, 3].map(|d| f64::from(key(d)) / 4_294_967_296.0);
-        let (mut seen, mut all) = (0.0, 0.0);
+        let mut seen = 0.0;
+        let mut all = 0.0;
         for k in 0..self.settings.shadow_rays {
             let x = recurrence(u64::from(k), shift);
-            let (from, to) = (polygon_point(&a, x[0], x[1]), polygon_point(&b, x[2], x[3]));
-            let (here, there) = ((to - from).dot(a.normal), (from - to).dot(b.normal));
+            let from = polygon_point(&a, x[0], x[1]);
+            let to = polygon_point(&b, x[2], x[3]);
+            let here = (to - from).dot(a.normal);
+            let there = (from - to).dot(b.normal);
             if here <= 0.0 || there <= 0.0 {
                 continue;
             }
@@ -298,11 +304,15 @@ impl<'a> Solver<'a> {
     /// Splits a node into four, which are as bright as it lets expect.
     fn subdivide(&mut self, index: usize) {
         let Node { polygon: whole, triangle, shares: [a, b, c], irradiance, .. } = self.nodes[index];
-        let (ab, bc, ca) = ((a + b) * 0.5, (b + c) * 0.5, (c + a) * 0.5);
+        let ab = (a + b) * 0.5;
+        let bc = (b + c) * 0.5;
+        let ca = (c + a) * 0.5;
         let shares = [[a, ab, ca], [ab, b, bc], [ca, bc, c], [bc, ca, ab]];
         let corners = whole.corners();
         let [a, b, c] = [corners[0], corners[1], corners[2]];
-        let (ab, bc, ca) = ((a + b) * 0.5, (b + c) * 0.5, (c + a) * 0.5);
+        let ab = (a + b) * 0.5;
+        let bc = (b + c) * 0.5;
+        let ca = (c + a) * 0.5;
         let parts = [[a, ab, ca], [ab, b, bc], [ca, bc, c], [bc, ca, ab]];
         let first = self.nodes.len() as u32;
         for (part, shares) in parts.into_iter().zip(shares) {
@@ -321,13 +331,15 @@ impl<'a> Solver<'a> {
         self.nodes.iter_mut().for_each(|node| node.gathered = Vec3::ZERO);
         for Link { nodes: [a, b], open, visible } in &self.links {
             let exchange = open * visible;
-            let (a, b) = (*a as usize, *b as usize);
+            let a = *a as usize;
+            let b = *b as usize;
             let to_a = self.nodes[b].exitance * (exchange / self.nodes[a].polygon.area) as f32;
             let to_b = self.nodes[a].exitance * (exchange / self.nodes[b].polygon.area) as f32;
             self.nodes[a].gathered += to_a;
             self.nodes[b].gathered += to_b;
         }
-        let (mut change, mut greatest) = (0.0f32, 0.0f32);
+        let mut change = 0.0f32;
+        let mut greatest = 0.0f32;
         for triangle in 0..self.scene.triangles.len() {
             self.push_and_pull(triangle, Vec3::ZERO, &mut change, &mut greatest);
         }

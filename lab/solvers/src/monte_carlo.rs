@@ -109,7 +109,8 @@ pub fn stochastic_jacobi(
         let mut arrived = vec![Vec3::ZERO; source.len()];
         // One random number for all patches: sample k begins where the sum of the power passes (k + random) / count of
         // all.
-        let (mut sum, mut next) = (0.0f64, 0u32);
+        let mut sum = 0.0f64;
+        let mut next = 0u32;
         let first = f64::from(random(0, 1, seed));
         for (i, &power) in unsent.iter().enumerate() {
             let share = f64::from(luminance(power)) / f64::from(left) * f64::from(count);
@@ -153,7 +154,9 @@ pub fn random_walks(
     let power = rows.power(source);
     let emitted: f64 = power.iter().map(|&power| f64::from(luminance(power))).sum();
     let mut received = vec![Vec3::ZERO; source.len()];
-    let (mut sum, mut next, mut steps) = (0.0f64, 0u32, 0u32);
+    let mut sum = 0.0f64;
+    let mut next = 0u32;
+    let mut steps = 0u32;
     let count = f64::from(samples.count.max(1));
     let first = f64::from(random(0, 1, samples.seed));
     for (start, &power) in power.iter().enumerate() {
@@ -164,7 +167,8 @@ pub fn random_walks(
         }
         sum += share;
         while f64::from(next) + first < sum {
-            let (mut i, mut carried) = (start, power / share as f32);
+            let mut i = start;
+            let mut carried = power / share as f32;
             for step in 0..MAX_STEPS {
                 let Some(j) = rows.target(i, random(next, 2 * step + 2, samples.seed)) else { break };
                 steps = steps.saturating_add(1);

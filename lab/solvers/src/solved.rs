@@ -112,11 +112,9 @@ impl Sides {
             let is_front = geometry.normal(patch.triangle).dot(patch.normal) > 0.0;
             // Patches are in the order of triangles and sides.
             if sides.triangles.last() != Some(&(patch.triangle, is_front)) {
-                let (a, b, c) = (
-                    geometry.position(patch.triangle, 0.0, 0.0),
-                    geometry.position(patch.triangle, 1.0, 0.0),
-                    geometry.position(patch.triangle, 0.0, 1.0),
-                );
+                let a = geometry.position(patch.triangle, 0.0, 0.0);
+                let b = geometry.position(patch.triangle, 1.0, 0.0);
+                let c = geometry.position(patch.triangle, 0.0, 1.0);
                 let is_turned = ((b - a).cross(c - a).dot(patch.normal)) < 0.0;
                 sides.corners.push(if is_turned { [a, c, b] } else { [a, b, c] });
                 sides.triangles.push((patch.triangle, is_front));

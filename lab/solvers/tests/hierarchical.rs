@@ -17,7 +17,9 @@ fn parallel_squares() -> Vec<[Vec3; 3]> {
 
 /// A box with its fronts inside.
 fn room(size: Vec3) -> Vec<[Vec3; 3]> {
-    let (x, y, z) = (Vec3::X * size.x, Vec3::Y * size.y, Vec3::Z * size.z);
+    let x = Vec3::X * size.x;
+    let y = Vec3::Y * size.y;
+    let z = Vec3::Z * size.z;
     [
         quad(Vec3::ZERO, y, z),
         quad(size, -z, -y),
@@ -63,7 +65,8 @@ fn parallel_squares_exchange_their_form_factor() {
     let squares = parallel_squares();
     let scene = scene(&squares);
     // Howell C-11, and B-4 four times for the middle of the square.
-    let (mean, middle) = (0.199_825, 0.239_495);
+    let mean = 0.199_825;
+    let middle = 0.239_495;
     let at_middle = |found: &HierarchicalSolution| found.irradiance(2, Vec2::splat(0.499)).x;
     for error in [10.0, 1e-3, 1e-5] {
         let found = solve(&scene, &squares, &lower_shines, &settings(error, 1e-3));

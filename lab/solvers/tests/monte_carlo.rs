@@ -11,13 +11,11 @@ use transport::Csr;
 /// Reciprocal form factors between the polygons of the Cornell box, and their areas, m².
 fn factors() -> (Csr, Vec<f32>) {
     let scene = assets::procedural::build("cornell").unwrap().scene;
-    let settings = BakeSettings {
-        patches: PatchKind::Polygon,
-        patch_count: 120,
-        estimator: Estimator::Hemisphere { rays: 512 },
-        receivers: ReceiverKind::Pixels,
-        ..BakeSettings::default()
-    };
+    let settings = BakeSettings::default()
+        .with_patches(PatchKind::Polygon)
+        .with_patch_count(120)
+        .with_estimator(Estimator::Hemisphere { rays: 512 })
+        .with_receivers(ReceiverKind::Pixels);
     let bake = Bake::build(&scene, &settings, &Silent).unwrap();
     let Reciprocal { factors, area, .. } = reciprocal(&bake.form_factors.factors, &bake.mesh.areas()).unwrap();
     (factors, area)
@@ -56,7 +54,8 @@ fn solvers_by_chance_are_right_on_average() {
         let (few, mean_of_few) = errors_of(&runs(&albedo, 2000), &exact);
         let (many, mean_of_many) = errors_of(&runs(&albedo, 32_000), &exact);
         println!(
-            "{name}: squared error {few:.2e}, of 16 times the samples {many:.2e}; of means {mean_of_few:.2e}, {mean_of_many:.2e}"
+            "{name}: squared error {few:.2e}, of 16 times the samples {many:.2e}; of means {mean_of_few:.2e}, \
+             {mean_of_many:.2e}"
         );
         // Noise goes with the number of samples, and with the number of solutions that are averaged: there is no bias.
         assert!((8.0..32.0).contains(&(few / many)), "{name}: {few} {many}");

@@ -14,7 +14,8 @@ use solvers::{Links, Samples, Solved, Solver};
 /// Relative difference of two pictures, L2.
 fn error(ours: &Picture, exact: &Picture) -> f32 {
     let square = |pixels: &mut dyn Iterator<Item = Vec3>| pixels.map(|p| p.length_squared()).sum::<f32>();
-    let (a, b) = (&ours.pixels, &exact.pixels);
+    let a = &ours.pixels;
+    let b = &exact.pixels;
     (square(&mut a.iter().zip(b).map(|(a, b)| *a - *b)) / square(&mut b.iter().copied())).sqrt()
 }
 
@@ -22,16 +23,14 @@ fn error(ours: &Picture, exact: &Picture) -> f32 {
 fn classic_solvers_render_the_picture_of_all_bounces() {
     let loaded = procedural::build("cornell").unwrap();
     let bake = |patches: PatchKind, bounces: Option<u32>| {
-        let settings = BakeSettings {
-            patches,
-            patch_count: 200,
-            estimator: Estimator::Hemisphere { rays: 1024 },
-            bounces,
-            receiver_density: 0.3,
-            receiver_rays: 256,
-            seed: 3,
-            ..BakeSettings::default()
-        };
+        let settings = BakeSettings::default()
+            .with_patches(patches)
+            .with_patch_count(200)
+            .with_estimator(Estimator::Hemisphere { rays: 1024 })
+            .with_bounces(bounces)
+            .with_receiver_density(0.3)
+            .with_receiver_rays(256)
+            .with_seed(3);
         Arc::new(Bake::build(&loaded.scene, &settings, &Silent).unwrap())
     };
     let size = (48, 36);

@@ -65,7 +65,9 @@ fn square(corner: Vec3, a: Vec3, b: Vec3, material: u32) -> [Triangle; 2] {
 /// # Errors
 /// None that is known.
 pub fn room() -> Result<Scene, Error> {
-    let (x, y, z) = (Vec3::X * 2.0, Vec3::Y, Vec3::Z * 1.5);
+    let x = Vec3::X * 2.0;
+    let y = Vec3::Y;
+    let z = Vec3::Z * 1.5;
     let sides = [
         square(Vec3::ZERO, z, x, 0),
         square(y, x, z, 0),

@@ -75,7 +75,8 @@ fn trace(r: &mut Random, scene: &Scene) -> (u32, Vec<u8>, Tables) {
 
 /// Irradiance of 150 elements from sums of 400 cells.
 fn resolve(r: &mut Random) -> (u32, Vec<u8>, Tables) {
-    let (count, cells) = (150, 400);
+    let count = 150;
+    let cells = 400;
     let mut start = vec![0u32];
     for k in 0..count {
         start.push(start[k] + r.below(6));
@@ -96,7 +97,8 @@ fn resolve(r: &mut Random) -> (u32, Vec<u8>, Tables) {
 
 /// Blocks of groups in 7 batches; the last block is not full.
 fn judge(r: &mut Random) -> (u32, Vec<u8>, Tables) {
-    let (groups, batches) = (9 * JUDGED - 5, 7);
+    let groups = 9 * JUDGED - 5;
+    let batches = 7;
     let words = tally_words(groups as usize, batches);
     let tallies: Vec<u32> = (0..words).map(|k| if k % 2 == 0 { r.word() } else { r.below(90) }).collect();
     let areas: Vec<f32> = (0..groups).map(|k| if k % 9 == 0 { 0.0 } else { r.unit() }).collect();

@@ -69,7 +69,8 @@ pub(super) fn own_tables(r: &mut Random, name: &str) -> (u32, Vec<u8>, Tables) {
             call(SLOTS, at_slots, tables)
         }
         "localmatrix_product" => {
-            let (lit, seen) = (light(r), light(r));
+            let lit = light(r);
+            let seen = light(r);
             let planes: Vec<(&'static str, Data)> =
                 ["red", "green", "blue"].map(|plane| buffer(plane, &r.floats((SLOTS * SLOTS) as usize))).into();
             let sqrt_area: Vec<f32> = r.floats(SLOTS as usize).iter().map(|x| x + 0.1).collect();
@@ -114,18 +115,25 @@ pub(super) fn own_tables(r: &mut Random, name: &str) -> (u32, Vec<u8>, Tables) {
             call(LEAVES as u32, at_leaves, tables)
         }
         "localmatrix_show_leaves" => {
-            let (leaves, first, merged) = (300, 320, 40);
-            let (mut lookups, mut cells, mut places, mut entries) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+            let leaves = 300;
+            let first = 320;
+            let merged = 40;
+            let mut lookups = Vec::new();
+            let mut cells = Vec::new();
+            let mut places = Vec::new();
+            let mut entries = Vec::new();
             // One level without nodes indoors.
             for level in 0..2u32 {
                 let (shape, own, full) = voxels(r);
                 let first_cell = cells.len() as u32;
-                let (place, entry) = (places.len() as u32, entries.len() as u32);
+                let place = places.len() as u32;
+                let entry = entries.len() as u32;
                 cells.extend(own.iter().map(|cell| cell & EMPTY_CELL | ((cell & !EMPTY_CELL) + place)));
                 places.extend(offsets(r, full).iter().map(|offset| offset + entry));
                 for _ in entry..places[places.len() - 1] {
                     let patch = first + level * merged + r.below(merged);
-                    let (position, direction) = (r.vector(), r.direction());
+                    let position = r.vector();
+                    let direction = r.direction();
                     entries.push(LookupPatch { position, patch, direction, reserved: 0 });
                 }
                 let outdoors = LookupParams { shape, plane_limit: 0.5, rule: RULE_WALLS, count: merged, first_cell };
@@ -159,7 +167,9 @@ pub(super) fn own_tables(r: &mut Random, name: &str) -> (u32, Vec<u8>, Tables) {
         }
         "localmatrix_update" => {
             // A rank of 7, three slots with new columns, in the second of three planes.
-            let (rank, new, slots) = (7, 3, UPDATED as usize);
+            let rank = 7;
+            let new = 3;
+            let slots = UPDATED as usize;
             let mut new_column = vec![KEPT; slots];
             [5, 20, 43].iter().zip(0..).for_each(|(&slot, column): (&usize, u32)| new_column[slot] = column);
             let count = UPDATED * UPDATED / 4;

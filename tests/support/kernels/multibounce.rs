@@ -23,7 +23,8 @@ const CHROMA_AXES: Vec4 = Vec4::new(0.8, -0.6, 0.6, 0.8);
 /// Packed groups of two blocks, for one colour or for all, of short and long elements, and their words: those of a run
 /// of [`TILE_RUNS`] have equal channels and bits.
 fn tile_groups(r: &mut Random) -> (Vec<PackedGroup>, Vec<u32>) {
-    let (mut start, n) = (0, TILE_RUNS[TILE_RUNS.len() - 1]);
+    let mut start = 0;
+    let n = TILE_RUNS[TILE_RUNS.len() - 1];
     let groups = (0..n).map(|k| {
         let run = TILE_RUNS.partition_point(|&first| first <= k) as u32;
         let group = PackedGroup::new(start, 2 * k / n, run % 4, run.is_multiple_of(3));
@@ -40,7 +41,8 @@ const TILE_RUNS: [u32; 13] = [0, 8, 9, 12, 16, 18, 20, 28, 29, 30, 34, 37, 40];
 /// The paired vector of each vector and sums for the vectors' channels.
 fn tile_sums(r: &mut Random, groups: &[PackedGroup]) -> (Vec<u32>, Vec<Vec4>) {
     // Paired vectors are for the same colour, and so are their sums.
-    let (n, vectors) = (groups.len() as u32, GROUP_VECTORS * groups.len() as u32);
+    let n = groups.len() as u32;
+    let vectors = GROUP_VECTORS * groups.len() as u32;
     let other = |k: u32| {
         let alike = |group: &u32| groups[*group as usize].color() == groups[(k / GROUP_VECTORS) as usize].color();
         (0..n).map(|d| (k / GROUP_VECTORS + 5 + d) % n).find(alike).unwrap() * GROUP_VECTORS + k * 3 % GROUP_VECTORS
@@ -56,8 +58,10 @@ fn tile_sums(r: &mut Random, groups: &[PackedGroup]) -> (Vec<u32>, Vec<Vec4>) {
 
 pub(super) fn blocks(r: &mut Random, codec: BlockCodec, image: Option<ImageFormat>) -> (u32, Vec<u8>, Tables) {
     // More columns of blocks than lanes, and a last row of blocks that is not full.
-    let (rows, first_block_row) = (273u32, 60);
-    let (block_columns, block_rows) = (rows.div_ceil(BLOCK), rows.div_ceil(BLOCK) - first_block_row);
+    let rows = 273u32;
+    let first_block_row = 60;
+    let block_columns = rows.div_ceil(BLOCK);
+    let block_rows = rows.div_ceil(BLOCK) - first_block_row;
     let (companding, mode_bits) = match codec {
         BlockCodec::Bc1 => (Companding::Sqrt, 0),
         BlockCodec::Bc3 => (Companding::Log2, 0),
@@ -101,7 +105,8 @@ pub(super) fn blocks(r: &mut Random, codec: BlockCodec, image: Option<ImageForma
     let tiles = p.tile_columns * block_columns.div_ceil(16);
     let data = match image {
         Some(format) => {
-            let (width, height) = (BLOCK * block_columns, BLOCK * block_rows);
+            let width = BLOCK * block_columns;
+            let height = BLOCK * block_rows;
             Data::Image { format, width, height, texels: Bytes::of(&words) }
         }
         None => Data::Buffer(Bytes::of(&words)),
@@ -121,7 +126,8 @@ pub(super) fn blocks(r: &mut Random, codec: BlockCodec, image: Option<ImageForma
 pub(super) fn own_tables(r: &mut Random, name: &str) -> (u32, Vec<u8>, Tables) {
     match name {
         "multibounce_tiles_permute_in" => {
-            let (patches, padded_rows) = (200u32, 256u32);
+            let patches = 200u32;
+            let padded_rows = 256u32;
             let order: Vec<u32> = (0..patches).map(|p| p * 7 % patches).collect();
             let tables = vec![
                 buffer("order", &order),
@@ -159,7 +165,8 @@ pub(super) fn own_tables(r: &mut Random, name: &str) -> (u32, Vec<u8>, Tables) {
         }
         "multibounce_tiles_multiply_vt" => {
             let (groups, words) = tile_groups(r);
-            let (n, count) = (groups.len() as u32, RUN_INVOCATIONS * (TILE_RUNS.len() as u32 - 1));
+            let n = groups.len() as u32;
+            let count = RUN_INVOCATIONS * (TILE_RUNS.len() as u32 - 1);
             let mut light = vec![0; 2 * LIGHT_WORDS as usize];
             quantise_all(&r.colors(2 * TILE as usize), &mut light);
             let scale: Vec<f32> = (0..GROUP_VECTORS * n).map(|_| r.unit() - 0.3).collect();
@@ -174,7 +181,8 @@ pub(super) fn own_tables(r: &mut Random, name: &str) -> (u32, Vec<u8>, Tables) {
             call(count, MultiplyVtParams { chroma_axes: CHROMA_AXES, count, reserved: [0; 3] }, tables)
         }
         "multibounce_tiles_multiply_u" => {
-            let (padded_rows, runs) = (2 * TILE, TILE_RUNS.len() as u32 - 1);
+            let padded_rows = 2 * TILE;
+            let runs = TILE_RUNS.len() as u32 - 1;
             let (groups, words) = tile_groups(r);
             let (paired, sums) = tile_sums(r, &groups);
             assert!(TILE_RUNS.windows(2).all(|run| run[1] - run[0] <= RUN_GROUPS));
@@ -237,7 +245,10 @@ pub(super) fn own_tables(r: &mut Random, name: &str) -> (u32, Vec<u8>, Tables) {
         }
         "multibounce_multiply" => {
             // Two rows and two columns of tiles, sums that go on, and fewer rows of the operator than columns of F.
-            let (row_tiles, vectors, inner, first_inner) = (2, 2 * TILE_VECTORS, 5, 3);
+            let row_tiles = 2;
+            let vectors = 2 * TILE_VECTORS;
+            let inner = 5;
+            let first_inner = 3;
             let rows = (row_tiles * TILE_ROWS) as usize;
             let tiles = row_tiles * vectors / TILE_VECTORS;
             let mut matrix = |name, rows: usize| buffer(name, &r.colors(rows * vectors as usize));
@@ -251,7 +262,10 @@ pub(super) fn own_tables(r: &mut Random, name: &str) -> (u32, Vec<u8>, Tables) {
         }
         "multibounce_pivot_rows" | "multibounce_scaled_rows" | "multibounce_eliminate" => {
             // The second block of four is eliminated; all but the first block's rows are bound.
-            let (vectors, pivot, first_row, rows) = (TILE_VECTORS, PIVOT_ROWS, PIVOT_ROWS, 3 * PIVOT_ROWS);
+            let vectors = TILE_VECTORS;
+            let pivot = PIVOT_ROWS;
+            let first_row = PIVOT_ROWS;
+            let rows = 3 * PIVOT_ROWS;
             let count = match name {
                 "multibounce_eliminate" => rows / TILE_ROWS * vectors / TILE_VECTORS,
                 _ => PIVOT_ROWS * vectors,

@@ -28,7 +28,8 @@ fn rows(r: &mut Random) -> (Vec<u32>, Vec<u32>, Vec<u32>) {
 /// Elements, push constants and tables of a kernel.
 pub(super) fn own_tables(r: &mut Random, name: &str) -> (u32, Vec<u8>, Tables) {
     let light = |r: &mut Random| -> Tables {
-        let (exitance, change) = (r.colors(COLUMNS as usize), r.colors(COLUMNS as usize));
+        let exitance = r.colors(COLUMNS as usize);
+        let change = r.colors(COLUMNS as usize);
         let change: Vec<Vec4> = change.iter().map(|c| (*c - Vec4::splat(0.4)) * 0.1).collect();
         // Averages of up to ten frames.
         let irradiance: Vec<Vec4> = (0..ROWS).map(|_| r.color().truncate().extend(10.0 * r.unit())).collect();

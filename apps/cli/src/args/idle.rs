@@ -68,7 +68,8 @@ pub const RULES: &[Rule<Render>] = &[
     },
     Rule {
         options: &["bounces"],
-        whom: "scenes, not bakes, by methods other than firstshot and local, which take all bounces; and for --method path",
+        whom: "scenes, not bakes, by methods other than firstshot and local, which take all bounces; and for --method \
+             path",
         suits: |args, input| match args.method {
             Method::Firstshot | Method::Local => false,
             Method::Path => true,

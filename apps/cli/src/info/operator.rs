@@ -20,7 +20,8 @@ use patches::PatchMesh;
 use patchlight::low_level::operator::build::{MATRICES, check_memory};
 use patchlight::low_level::operator::{Codec, PatchOperator, SymmetricFactors, decoder_name, growth};
 use patchlight::{BakeSettings, FormFactors};
-use runtime::executor::{DeviceChoice, Executor, open};
+use runtime::executor::{DeviceChoice, Executor};
+use shell::device::open;
 use shell::operator_error::{exact_product, relative_error};
 
 /// Steps and tolerance of spectral radii.

@@ -51,33 +51,31 @@ impl BakeOptions {
         memory_limit: Option<u64>,
         seed: u32,
     ) -> BakeSettings {
-        BakeSettings {
-            patches: self.patches.kind(self.form_factors),
-            focus: self.patches.focus.unwrap_or_default().focus(loaded, animation),
-            patch_count: self.patches.count(),
-            voxel_size: self.patches.voxel_size,
-            estimator: match self.form_factors {
+        BakeSettings::default()
+            .with_patches(self.patches.kind(self.form_factors))
+            .with_focus(self.patches.focus.unwrap_or_default().focus(loaded, animation))
+            .with_patch_count(self.patches.count())
+            .with_voxel_size(self.patches.voxel_size)
+            .with_estimator(match self.form_factors {
                 FormFactors::Hemisphere => Estimator::Hemisphere { rays: self.rays },
                 FormFactors::Contour => Estimator::Contour,
                 FormFactors::Area => Estimator::Area,
                 FormFactors::Point => Estimator::Point,
-            },
-            bounces: match self.bounces {
+            })
+            .with_bounces(match self.bounces {
                 Bounces::All => None,
                 Bounces::Count(k) => Some(k),
-            },
-            receivers: match self.receivers {
+            })
+            .with_receivers(match self.receivers {
                 ReceiverPlaces::Mesh => ReceiverKind::Mesh,
                 ReceiverPlaces::Pixels => ReceiverKind::Pixels,
                 ReceiverPlaces::Patches => ReceiverKind::Patches,
-            },
-            receiver_edge: self.receiver_edge,
-            most_receivers: self.most_receivers.map(|most| most as usize),
-            receiver_rays: self.receiver_rays,
-            memory_limit,
-            seed,
-            ..BakeSettings::default()
-        }
+            })
+            .with_receiver_edge(self.receiver_edge)
+            .with_most_receivers(self.most_receivers.map(|most| most as usize))
+            .with_receiver_rays(self.receiver_rays)
+            .with_memory_limit(memory_limit)
+            .with_seed(seed)
     }
 }
 

@@ -136,7 +136,8 @@ pub fn parse_focus(text: &str) -> Result<FocusChoice, String> {
     };
     let numbers: Result<Vec<f32>, _> = text.split(',').map(|number| number.trim().parse()).collect();
     let [a, b, c, d, e, f] = numbers.map_err(|_| wrong())?[..] else { return Err(wrong()) };
-    let (low, high) = (Vec3::new(a, b, c), Vec3::new(d, e, f));
+    let low = Vec3::new(a, b, c);
+    let high = Vec3::new(d, e, f);
     let is_box = low.is_finite() && high.is_finite() && low.cmple(high).all();
     if is_box { Ok(FocusChoice::Box { low, high }) } else { Err(wrong()) }
 }
@@ -251,7 +252,8 @@ mod tests {
     fn a_focus_is_auto_camera_or_a_box() {
         assert_eq!(parse_focus("auto"), Ok(FocusChoice::Auto));
         assert_eq!(parse_focus("camera"), Ok(FocusChoice::Camera));
-        let (low, high) = (Vec3::new(-1.0, 0.0, 2.5), Vec3::new(3.0, 0.0, 4.0));
+        let low = Vec3::new(-1.0, 0.0, 2.5);
+        let high = Vec3::new(3.0, 0.0, 4.0);
         assert_eq!(parse_focus("-1, 0,2.5,3,0,4"), Ok(FocusChoice::Box { low, high }));
         for wrong in ["", "here", "1,2,3", "0,0,0,1,1,1,1", "0,0,0,1,-1,1", "0,0,0,1,inf,1", "0,0,NaN,1,1,1"] {
             let message = parse_focus(wrong).unwrap_err();

@@ -455,7 +455,8 @@ impl Recorder<'_> {
             dst_subresource: LAYERS,
             dst_offsets: corners(part.to),
         }];
-        let (from, to) = (vk::ImageLayout::TRANSFER_SRC_OPTIMAL, vk::ImageLayout::TRANSFER_DST_OPTIMAL);
+        let from = vk::ImageLayout::TRANSFER_SRC_OPTIMAL;
+        let to = vk::ImageLayout::TRANSFER_DST_OPTIMAL;
         // SAFETY: recording; both images are alive and in these layouts, the areas within them.
         unsafe { self.raw.cmd_blit_image(self.commands, picture.image, from, image, to, &region, filter) };
     }
@@ -466,7 +467,8 @@ impl Recorder<'_> {
         let barrier = [vk::MemoryBarrier::default()
             .src_access_mask(vk::AccessFlags::TRANSFER_WRITE)
             .dst_access_mask(vk::AccessFlags::HOST_READ)];
-        let (from, to) = (vk::PipelineStageFlags::TRANSFER, vk::PipelineStageFlags::HOST);
+        let from = vk::PipelineStageFlags::TRANSFER;
+        let to = vk::PipelineStageFlags::HOST;
         // SAFETY: recording; the image is in this layout, and the buffer has the bytes of all its pixels.
         unsafe {
             self.raw.cmd_copy_image_to_buffer(self.commands, image, layout, buffer.raw, &regions);

@@ -103,7 +103,8 @@ impl Picture {
             Self { image, size, is_filled: false, staging: None, memory: None, device: Arc::clone(device) };
         // SAFETY: the image is new and the device's.
         let requirements = unsafe { device.raw.get_image_memory_requirements(image) };
-        let (bytes, location) = (picture.bytes(), MemoryLocation::GpuOnly);
+        let bytes = picture.bytes();
+        let location = MemoryLocation::GpuOnly;
         let request = MemoryRequest { name: "picture", bytes, requirements, location, linear: false };
         let memory = Memory::new(&device.allocator, &request)?;
         let (handle, offset) = memory.handle();

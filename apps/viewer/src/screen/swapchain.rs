@@ -200,7 +200,8 @@ fn extent(limits: &vk::SurfaceCapabilitiesKHR, window: (u32, u32)) -> vk::Extent
     if limits.current_extent.width != u32::MAX {
         return limits.current_extent;
     }
-    let (least, most) = (limits.min_image_extent, limits.max_image_extent);
+    let least = limits.min_image_extent;
+    let most = limits.max_image_extent;
     vk::Extent2D {
         width: window.0.clamp(least.width, most.width.max(least.width)),
         height: window.1.clamp(least.height, most.height.max(least.height)),

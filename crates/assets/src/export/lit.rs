@@ -82,7 +82,8 @@ pub fn lit_gltf(
         let material = scene.scene.geometry.triangles[side.triangle as usize].material;
         by_material.entry(material).or_default().push(k);
     }
-    let (mut primitives, mut materials) = (Vec::new(), Vec::new());
+    let mut primitives = Vec::new();
+    let mut materials = Vec::new();
     for (&material, of) in &by_material {
         materials.push(writer.material(material, by)?);
         let attributes = writer.attributes(material, of, sides, by);
@@ -140,7 +141,9 @@ impl Writer<'_> {
         let material = &scene.scene.materials[number as usize];
         let of = |index: u32| geometry.textures.get(index as usize).filter(|_| index != NONE);
         let texture = of(material.albedo_texture);
-        let (mut base, mut cutoff, mut color) = (json!({}), None, material.albedo);
+        let mut base = json!({});
+        let mut cutoff = None;
+        let mut color = material.albedo;
         match (by, texture) {
             _ if self.shines(number) => color = (material.radiance * self.exposure).min(Vec3::ONE),
             (LitBy::Corners, None) => {}
@@ -199,7 +202,8 @@ impl Writer<'_> {
                 accessor["min"] = json!(low.to_array());
                 accessor["max"] = json!(high.to_array());
             }
-            let (offset, bytes) = (self.binary.len(), 4 * attribute.numbers.len());
+            let offset = self.binary.len();
+            let bytes = 4 * attribute.numbers.len();
             self.views.push(json!({ "buffer": 0, "byteOffset": offset, "byteLength": bytes }));
             self.binary.extend_from_slice(bytemuck::cast_slice(&attribute.numbers));
             numbers.insert(attribute.name.into(), json!(self.accessors.len()));

@@ -24,7 +24,8 @@ pub fn files(lighting: &Lighting, name: &str) -> Vec<(String, Vec<u8>)> {
 
 /// Type C, absolute photometry, a luminaire without extent.
 fn ies(distribution: &Distribution) -> String {
-    let (gammas, planes) = (distribution.gammas(), distribution.planes());
+    let gammas = distribution.gammas();
+    let planes = distribution.planes();
     let rows: Vec<&[f64]> = distribution.intensities().chunks(gammas.len()).collect();
     let is_round = planes.len() == 1;
     // The first half-plane closes the circle.

@@ -65,7 +65,8 @@ pub struct Animation {
 impl Animation {
     /// Lights and view at a time in seconds.
     pub fn at(&self, time: f32) -> (Vec<Light>, View) {
-        let (mut lights, mut view) = (self.lights.clone(), self.view);
+        let mut lights = self.lights.clone();
+        let mut view = self.view;
         for track in &self.tracks {
             let value = track.value(time);
             match track.target {
@@ -140,7 +141,8 @@ impl Animation {
     /// The camera once round the middle of the scene, looking outwards; lights rest.
     pub fn circle(scene: &LoadedScene) -> Self {
         let (low, high) = scene.scene.geometry.bounds;
-        let (centre, half) = (0.5 * (low + high), 0.25 * (high - low));
+        let centre = 0.5 * (low + high);
+        let half = 0.25 * (high - low);
         let at = |k: u32| {
             // A whole circle in 64 straight parts.
             let angle = f64::from(k) / f64::from(CIRCLE) * std::f64::consts::TAU;
@@ -204,7 +206,8 @@ fn travelling_light(scene: &LoadedScene) -> Light {
 
 fn rotate_about_y(v: Vec3, degrees: f32) -> Vec3 {
     let angle = f64::from(degrees).to_radians();
-    let (s, c) = (angle.sin() as f32, angle.cos() as f32);
+    let s = angle.sin() as f32;
+    let c = angle.cos() as f32;
     Vec3::new(c * v.x + s * v.z, v.y, c * v.z - s * v.x)
 }
 

@@ -312,8 +312,8 @@ pub fn finish(mut mesh: Mesh, setting: Setting, options: &LoadOptions) -> Result
 fn warn_of_endless_light(lights: &[Light], sky: &Sky, warnings: &mut Vec<String>) {
     if sky.radiance.max_element() > 0.0 || lights.iter().any(|light| light.kind == LIGHT_DIRECTIONAL) {
         warnings.push(
-            "the medium has no end: it absorbs all light of directional lights and of the sky; use point, spot or rect lights, or \
-             emission, or leave the medium out"
+            "the medium has no end: it absorbs all light of directional lights and of the sky; use point, spot or \
+             rect lights, or emission, or leave the medium out"
                 .to_owned(),
         );
     }
@@ -400,7 +400,8 @@ fn clean(
     let path = &setting.path;
     let scale = setting.metres_per_unit;
     let mut dropped = Dropped::default();
-    let (mut triangles, mut uvs) = (Vec::with_capacity(mesh.triangles.len()), Vec::with_capacity(mesh.triangles.len()));
+    let mut triangles = Vec::with_capacity(mesh.triangles.len());
+    let mut uvs = Vec::with_capacity(mesh.triangles.len());
     // In batches, so that verdicts take no memory to speak of.
     for (batch, own) in mesh.triangles.chunks(JUDGED_AT_ONCE).enumerate() {
         let verdict = |(k, t): (usize, &FileTriangle)| {
@@ -446,7 +447,8 @@ fn judge(t: &FileTriangle, source: u32, scale: f32, hole: bool) -> Verdict {
         return Verdict::TooFar;
     }
     let exact = (b.as_dvec3() - a.as_dvec3()).cross(c.as_dvec3() - a.as_dvec3());
-    let (edge_a, edge_b) = (mb - ma, mc - ma);
+    let edge_a = mb - ma;
+    let edge_b = mc - ma;
     // The second test is for areas that single precision cannot hold: their normal would be lost.
     if exact.length_squared() == 0.0 || edge_a.cross(edge_b).length() < f32::MIN_POSITIVE {
         return Verdict::ZeroArea;
@@ -597,7 +599,9 @@ mod tests {
     #[test]
     fn equal_triangles_share_a_key_whatever_their_first_corner_but_not_across_windings() {
         let triangle = |corners| FileTriangle { corners, uvs: [Vec2::ZERO; 3], material: 0, object: 0 };
-        let (a, b, c) = (Vec3::ZERO, Vec3::X, Vec3::Y);
+        let a = Vec3::ZERO;
+        let b = Vec3::X;
+        let c = Vec3::Y;
         let key = corner_key(&triangle([a, b, c]));
         assert_eq!(key, corner_key(&triangle([c, a, b])));
         assert_eq!(key, corner_key(&triangle([-a, b, c])));

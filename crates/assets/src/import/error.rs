@@ -42,7 +42,8 @@ pub enum ImportError {
         reason: String,
     },
     /// The scene file is of a version this program does not know.
-    #[error("{}, line {line}: version {found} is not known; write `version = 1`, or use a newer patchlight", path.display())]
+    #[error("{}, line {line}: version {found} is not known; write `version = 1`, or use a newer \
+         patchlight", path.display())]
     Version {
         /// The scene file.
         path: PathBuf,
@@ -64,7 +65,8 @@ pub enum ImportError {
         reason: String,
     },
     /// The mesh that a scene file names does not exist.
-    #[error("{}: the mesh {} does not exist; correct the key `mesh`, it is relative to the scene file", path.display(), mesh.display())]
+    #[error("{}: the mesh {} does not exist; correct the key `mesh`, it is relative to the scene \
+         file", path.display(), mesh.display())]
     MissingMesh {
         /// The scene file.
         path: PathBuf,
@@ -86,7 +88,8 @@ pub enum ImportError {
         reason: String,
     },
     /// A corner is not finite or too far away.
-    #[error("{}, object \"{object}\", face {face}: the corner {corner:?} is not within {limit:e} m of the origin; correct it, or metres_per_unit", path.display())]
+    #[error("{}, object \"{object}\", face {face}: the corner {corner:?} is not within {limit:e} m of the origin; \
+         correct it, or metres_per_unit", path.display())]
     Coordinate {
         /// The file.
         path: PathBuf,
@@ -127,8 +130,9 @@ pub enum ImportError {
     },
     /// More triangles than memory holds.
     #[error(
-        "{}: has {count} triangles, every place counted at which a mesh is shown, which take {} MB, and {} MB are free or \
-         allowed; split or simplify the mesh, or show it at fewer places", path.display(), needed.div_ceil(1 << 20), allowed >> 20
+        "{}: has {count} triangles, every place counted at which a mesh is shown, which take {} MB, and {} MB are \
+         free or allowed; split or simplify the mesh, or show it at fewer \
+         places", path.display(), needed.div_ceil(1 << 20), allowed >> 20
     )]
     Memory {
         /// The file.
@@ -188,7 +192,8 @@ pub enum ImportError {
         reason: String,
     },
     /// A file cannot be written.
-    #[error("{}: cannot be written: {source}; choose an output folder that you may write to, with enough room", path.display())]
+    #[error("{}: cannot be written: {source}; choose an output folder that you may write to, with enough \
+         room", path.display())]
     Write {
         /// The file.
         path: PathBuf,

@@ -94,7 +94,9 @@ fn resource(file: &File, place: &str, uri: &str) -> Result<Vec<u8>, ImportError>
 }
 
 fn percent_decode(uri: &str) -> String {
-    let (bytes, mut out, mut k) = (uri.as_bytes(), Vec::new(), 0);
+    let bytes = uri.as_bytes();
+    let mut out = Vec::new();
+    let mut k = 0;
     while k < bytes.len() {
         let code =
             (bytes[k] == b'%').then(|| uri.get(k + 1..k + 3)).flatten().and_then(|h| u8::from_str_radix(h, 16).ok());
@@ -116,7 +118,8 @@ impl UvRule {
     fn apply(&self, uv: [f32; 2]) -> Vec2 {
         let mut uv = Vec2::from(uv);
         if let Some((offset, rotation, scale)) = self.transform {
-            let (s, c) = (f64::from(rotation).sin() as f32, f64::from(rotation).cos() as f32);
+            let s = f64::from(rotation).sin() as f32;
+            let c = f64::from(rotation).cos() as f32;
             let p = uv * Vec2::from(scale);
             uv = Vec2::new(c * p.x + s * p.y, c * p.y - s * p.x) + Vec2::from(offset);
         }

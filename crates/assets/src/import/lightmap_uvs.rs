@@ -34,12 +34,14 @@ impl LightmapUvs {
     pub fn of(&self, triangle: &Triangle) -> Option<TriangleUv> {
         let whole = self.0.get(triangle.source as usize)?;
         let [a, b, c] = whole.corners;
-        let (edge_a, edge_b) = (b - a, c - a);
+        let edge_a = b - a;
+        let edge_b = c - a;
         let normal = edge_a.cross(edge_b);
         let squared = normal.length_squared();
         let place = |p: Vec3| -> Vec2 {
             let from = p - a;
-            let (u, v) = (from.cross(edge_b).dot(normal) / squared, edge_a.cross(from).dot(normal) / squared);
+            let u = from.cross(edge_b).dot(normal) / squared;
+            let v = edge_a.cross(from).dot(normal) / squared;
             whole.uvs[0] + (whole.uvs[1] - whole.uvs[0]) * u + (whole.uvs[2] - whole.uvs[0]) * v
         };
         // Corners of the file keep their own coordinates.

@@ -32,7 +32,8 @@ pub fn check_color(key: &'static str, color: Vec3) -> Result<Vec3, Fault> {
         Err((
             key,
             format!(
-                "{color} is not a quantity of light; give three numbers that are not negative, at most {QUANTITY_LIMIT:e}"
+                "{color} is not a quantity of light; give three numbers that are not negative, at most \
+                 {QUANTITY_LIMIT:e}"
             ),
         ))
     }
@@ -83,7 +84,8 @@ pub fn spot(position: Vec3, direction: Vec3, intensity: Vec3, inner: f32, outer:
         ));
     }
     let cosine = |degrees: f32| f64::from(degrees).to_radians().cos() as f32;
-    let (cos_inner, cos_outer) = (cosine(inner), cosine(outer));
+    let cos_inner = cosine(inner);
+    let cos_outer = cosine(outer);
     Ok(Light { kind: LIGHT_SPOT, position, direction, color, cos_inner, cos_outer, ..Light::default() })
 }
 
@@ -161,7 +163,8 @@ pub fn black_body(kelvin: f32) -> Result<Vec3, Fault> {
         _ => cubic([3.081_758_0, -5.873_386_70, 3.751_129_97, -0.370_014_83], x),
     };
     // XYZ of luminance 1, then Rec.709 primaries (IEC 61966-2-1).
-    let (big_x, big_z) = (x / y, (1.0 - x - y) / y);
+    let big_x = x / y;
+    let big_z = (1.0 - x - y) / y;
     let row = |a: f64, b: f64, c: f64| (a * big_x + b + c * big_z).max(0.0) as f32;
     let red = row(3.240_454_2, -1.537_138_5, -0.498_531_4);
     let green = row(-0.969_266_0, 1.876_010_8, 0.041_556_0);
@@ -175,7 +178,8 @@ mod tests {
 
     #[test]
     fn lights_that_make_no_sense_are_refused_with_the_key() {
-        let (x, one) = (Vec3::X, Vec3::ONE);
+        let x = Vec3::X;
+        let one = Vec3::ONE;
         assert_eq!(directional(Vec3::ZERO, one).map_err(|e| e.0), Err("direction"));
         assert_eq!(directional(x, -one).map_err(|e| e.0), Err("irradiance"));
         assert_eq!(directional(x, 1e38 * one).map_err(|e| e.0), Err("irradiance"));

@@ -160,8 +160,8 @@ impl Sheet {
         let error = distribution.grid_error();
         if error > 0.01 {
             warnings.push(format!(
-                "{}: its angles lie on no even grid; between the steps that are taken instead, intensities are off by up to \
-                 {:.1} % of the greatest",
+                "{}: its angles lie on no even grid; between the steps that are taken instead, intensities are off by \
+                 up to {:.1} % of the greatest",
                 text.path.display(),
                 100.0 * error
             ));

@@ -195,7 +195,8 @@ mod tests {
         let folder = tempfile::TempDir::new().unwrap();
         let path = folder.path().join("a.mtl");
         std::fs::write(&path, text).unwrap();
-        let (mut materials, mut warnings) = (Vec::new(), Vec::new());
+        let mut materials = Vec::new();
+        let mut warnings = Vec::new();
         load(&path, &mut materials, &mut warnings);
         (materials, warnings)
     }
@@ -208,7 +209,8 @@ mod tests {
         assert_eq!(mirror[0].optics, Optics { mirror: Vec3::new(0.9, 0.8, 0.7), ..Optics::default() });
         assert_eq!(mirror[0].albedo, Vec3::splat(0.1));
         let (glass, _) = read("newmtl a\nKd 0 0 0\nTf 1 0.5 1\nNi 1.33\nd 0.2\nillum 7\n");
-        let (found, clear) = (glass[0].optics, Vec3::new(0.8, 0.4, 0.8));
+        let found = glass[0].optics;
+        let clear = Vec3::new(0.8, 0.4, 0.8);
         assert!((found.transmittance - clear).abs().max_element() < 1e-6 && found.mirror == Vec3::ZERO, "{found:?}");
         assert_eq!((found.index_of_refraction, glass[0].hole), (1.33, false));
         let (bright, warnings) = read("newmtl a\nKd 0.8 0.8 0.8\nKs 0.6 0.6 0.6\nillum 5\n");

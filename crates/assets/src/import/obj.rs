@@ -391,7 +391,9 @@ fn resolve(index: i64, count: i64) -> Option<i64> {
 }
 
 fn write_index(text: &mut Vec<u8>, index: i64) {
-    let (mut digits, mut at, mut rest) = ([0u8; 20], 20, index);
+    let mut digits = [0u8; 20];
+    let mut at = 20;
+    let mut rest = index;
     while rest > 0 {
         at -= 1;
         digits[at] = b'0' + (rest % 10) as u8;

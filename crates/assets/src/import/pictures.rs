@@ -132,11 +132,12 @@ impl Size {
         if width == 0 || height == 0 || width > SIDE_LIMIT || height > SIDE_LIMIT {
             return Err(format!("its size is {width} x {height}, 1 to {SIDE_LIMIT} can be read"));
         }
-        let (decoded, most) = (decoder.total_bytes(), most_decoded(bytes));
+        let decoded = decoder.total_bytes();
+        let most = most_decoded(bytes);
         if decoded > most {
             return Err(format!(
-                "its {width} x {height} texels take {} MB, and {bytes} bytes of a file may stand for {} MB; give a smaller \
-                 picture",
+                "its {width} x {height} texels take {} MB, and {bytes} bytes of a file may stand for {} MB; give a \
+                 smaller picture",
                 decoded.div_ceil(1 << 20),
                 most >> 20
             ));
@@ -270,7 +271,8 @@ pub fn pack(materials: &[MaterialDraft], budget: usize) -> Packed {
             Ok(pyramids) => pyramids,
             Err(reason) => {
                 packed.warnings.push(format!(
-                    "texture {}: cannot be used ({reason}); mid-grey is used where it is a colour, no holes where it is a mask",
+                    "texture {}: cannot be used ({reason}); mid-grey is used where it is a colour, no holes where it \
+                     is a mask",
                     source.name()
                 ));
                 continue;

@@ -254,7 +254,8 @@ fn change_material(t: &MaterialTable, mesh: &mut Mesh) -> Result<(), Fault> {
         Some(v) => Err((key, format!("{v} is no share of light; give three numbers from 0 to 1"))),
         None => Ok(None),
     };
-    let (albedo, mirror) = (share("albedo", t.albedo)?, share("mirror", t.mirror)?);
+    let albedo = share("albedo", t.albedo)?;
+    let mirror = share("mirror", t.mirror)?;
     let transmittance = share("transmittance", t.transmittance)?;
     if let Some(index) = t.index_of_refraction.filter(|index| !(INDICES.0..=INDICES.1).contains(index)) {
         let reason = format!("{index} is no index of refraction; give a number from {} to {}", INDICES.0, INDICES.1);
@@ -408,7 +409,8 @@ fn build_light(t: &LightTable, scale: f32) -> Result<Light, Fault> {
         "directional" => lights::directional(v(t.direction), v(t.irradiance)),
         "point" => lights::point(v(t.position) * scale, v(t.intensity)),
         "spot" => {
-            let (inner, outer) = (t.inner_degrees.unwrap_or(0.0), t.outer_degrees.unwrap_or(0.0));
+            let inner = t.inner_degrees.unwrap_or(0.0);
+            let outer = t.outer_degrees.unwrap_or(0.0);
             lights::spot(v(t.position) * scale, v(t.direction), v(t.intensity), inner, outer)
         }
         _ => lights::rect(v(t.corner) * scale, v(t.edge_a) * scale, v(t.edge_b) * scale, v(t.radiance)),

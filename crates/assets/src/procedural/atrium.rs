@@ -49,7 +49,8 @@ struct Materials {
 /// Builds it with as near to `triangles` triangles as it can.
 pub fn build(triangles: usize) -> Result<Built, lights::Fault> {
     // The count falls as the edge grows: bisect on the logarithm.
-    let (mut low, mut high) = (0.02f32, 8.0f32);
+    let mut low = 0.02f32;
+    let mut high = 8.0f32;
     let mut best = assemble(high);
     for _ in 0..18 {
         let edge = (low * high).sqrt();
@@ -108,15 +109,14 @@ fn assemble(edge: f32) -> Builder {
     b.object("corner piers");
     for (x, outer_x) in [(X[2], -1.0f32), (X[3], 1.0)] {
         for (z, outer_z) in [(Z[2], -1.0f32), (Z[3], 1.0)] {
-            let (a, c) = (
-                Vec3::new(x + 0.5 * outer_x, 0.0, z + 0.5 * outer_z),
-                Vec3::new(x - 0.24 * outer_x, 8.3, z - 0.24 * outer_z),
-            );
+            let a = Vec3::new(x + 0.5 * outer_x, 0.0, z + 0.5 * outer_z);
+            let c = Vec3::new(x - 0.24 * outer_x, 8.3, z - 0.24 * outer_z);
             b.cuboid(m.stone, a.min(c), a.max(c), STANDING);
         }
     }
     b.object("canopy");
-    let (width, length) = (3.0, Z[3] - Z[2] - 0.4);
+    let width = 3.0;
+    let length = Z[3] - Z[2] - 0.4;
     let grid = (steps(width, edge).max(3), steps(length, edge).max(10));
     let sag = |t: f32| 0.7 * sin_cos(0.5 * t).0;
     let at = |s: f32, t: f32| {
@@ -167,7 +167,8 @@ impl Side {
     }
 
     fn cuboid(&self, b: &mut Builder, material: u32, low: [f32; 3], high: [f32; 3], sides: [bool; 6]) {
-        let (p, q) = (self.at(low[0], low[1], low[2]), self.at(high[0], high[1], high[2]));
+        let p = self.at(low[0], low[1], low[2]);
+        let q = self.at(high[0], high[1], high[2]);
         b.cuboid(material, p.min(q), p.max(q), sides);
     }
 }
@@ -177,7 +178,8 @@ fn sides() -> [Side; 4] {
         // Fronts face the court when along × up = −depth.
         Side { origin: Vec3::new(x, 0.0, z), along, depth: Vec3::Y.cross(along), length, bays }
     };
-    let (long, short) = (X[3] - X[2], Z[3] - Z[2]);
+    let long = X[3] - X[2];
+    let short = Z[3] - Z[2];
     [
         side(X[2], Z[2], Vec3::X, long, 7),
         side(X[3], Z[2], Vec3::Z, short, 2),
@@ -188,8 +190,10 @@ fn sides() -> [Side; 4] {
 
 fn arcade(b: &mut Builder, m: &Materials, side: &Side, storey: usize, floor: f32, edge: f32) {
     b.object(if storey == 0 { "lower arcade" } else { "upper arcade" });
-    let (spring, top) = (floor + 2.2, floor + 3.7 + OVERLAP);
-    let (front, back) = (RECESS, RECESS + THICKNESS);
+    let spring = floor + 2.2;
+    let top = floor + 3.7 + OVERLAP;
+    let front = RECESS;
+    let back = RECESS + THICKNESS;
     let middle = 0.5 * (front + back);
     for k in 0..side.bays {
         arch(b, m.masonry, side, (side.bay(k), side.bay(k + 1)), (spring, top), edge);
@@ -201,13 +205,17 @@ fn arcade(b: &mut Builder, m: &Materials, side: &Side, storey: usize, floor: f32
         };
         block(b, floor, floor + 0.25, STANDING);
         block(b, spring - 0.2, spring + 0.02, ALL_SIDES);
-        let (foot, height, radius) = (floor + 0.25 - OVERLAP, spring - 0.2 - floor - 0.25 + 2.0 * OVERLAP, 0.17);
+        let foot = floor + 0.25 - OVERLAP;
+        let height = spring - 0.2 - floor - 0.25 + 2.0 * OVERLAP;
+        let radius = 0.17;
         let grid = (steps(2.0 * PI * radius, edge).clamp(6, 64), steps(height, edge));
         b.tube(m.stone, side.at(s, foot, middle), height, radius, grid);
     }
     if storey == 1 {
         let grid = (steps(side.length, edge), steps(0.95, edge));
-        let (near, far, rail) = (middle - 0.06, middle + 0.06, floor + 0.95);
+        let near = middle - 0.06;
+        let far = middle + 0.06;
+        let rail = floor + 0.95;
         let uv = |s: f32, t: f32| Vec2::new(s * side.length, t) * 0.5;
         b.sheet(m.stone, grid, |s, t| side.at(s * side.length, floor + 0.95 * t, near), uv);
         b.sheet(m.stone, grid, |s, t| side.at((1.0 - s) * side.length, floor + 0.95 * t, far), uv);
@@ -217,9 +225,12 @@ fn arcade(b: &mut Builder, m: &Materials, side: &Side, storey: usize, floor: f32
 
 /// The wall over one opening, from the springing of its round arch to the ceiling.
 fn arch(b: &mut Builder, material: u32, side: &Side, (start, end): (f32, f32), (spring, top): (f32, f32), edge: f32) {
-    let (front, back) = (RECESS, RECESS + THICKNESS);
-    let (left, right) = (start + 0.5 * PIER, end - 0.5 * PIER);
-    let (centre, radius) = (0.5 * (left + right), 0.5 * (right - left));
+    let front = RECESS;
+    let back = RECESS + THICKNESS;
+    let left = start + 0.5 * PIER;
+    let right = end - 0.5 * PIER;
+    let centre = 0.5 * (left + right);
+    let radius = 0.5 * (right - left);
     let columns = steps(PI * radius, edge).clamp(4, 96);
     let rows = steps(top - spring, edge);
     // A point of the arch: share 0 at the left springing, 1 at the right.
@@ -255,7 +266,8 @@ fn arch(b: &mut Builder, material: u32, side: &Side, (start, end): (f32, f32), (
 /// Curtains in every other lower opening, banners over the railing above the others.
 fn cloths(b: &mut Builder, m: &Materials, side: &Side, edge: f32) {
     for k in 0..side.bays {
-        let (start, end) = (side.bay(k), side.bay(k + 1));
+        let start = side.bay(k);
+        let end = side.bay(k + 1);
         let material = m.cloth[(k / 2) as usize % 3];
         let (name, from, to, low, high, depth, folds, amplitude) = if k % 2 == 0 {
             ("curtain", start + 0.45, end - 0.45, 0.12, 2.6, 0.75, 4.0, 0.07)
@@ -264,7 +276,8 @@ fn cloths(b: &mut Builder, m: &Materials, side: &Side, edge: f32) {
             ("banner", middle - 0.5, middle + 0.5, 2.7, 4.75, -0.15, 1.0, 0.03)
         };
         b.object(name);
-        let (width, height) = (to - from, high - low);
+        let width = to - from;
+        let height = high - low;
         let grid = (steps(width, edge).max(2 * folds as u32), steps(height, edge).max(2));
         let at = |s: f32, t: f32| {
             // Folds fade towards the rod.
@@ -276,7 +289,8 @@ fn cloths(b: &mut Builder, m: &Materials, side: &Side, edge: f32) {
     // Rods, between the piers of the arcade.
     b.object("rods");
     for k in (0..side.bays).step_by(2) {
-        let (start, end) = (side.bay(k) + 0.35, side.bay(k + 1) - 0.35);
+        let start = side.bay(k) + 0.35;
+        let end = side.bay(k + 1) - 0.35;
         side.cuboid(b, m.stone, [start, 2.62, 0.73], [end, 2.66, 0.77], ALL_SIDES);
     }
 }

@@ -77,8 +77,10 @@ impl Builder {
     ) {
         for row in 0..rows {
             for column in 0..columns {
-                let (s0, s1) = (column as f32 / columns as f32, (column + 1) as f32 / columns as f32);
-                let (t0, t1) = (row as f32 / rows as f32, (row + 1) as f32 / rows as f32);
+                let s0 = column as f32 / columns as f32;
+                let s1 = (column + 1) as f32 / columns as f32;
+                let t0 = row as f32 / rows as f32;
+                let t1 = (row + 1) as f32 / rows as f32;
                 let corners = [(s0, t0), (s1, t0), (s1, t1), (s0, t1)];
                 self.quad(material, corners.map(|(s, t)| at(s, t)), corners.map(|(s, t)| uv(s, t)));
             }
@@ -96,9 +98,11 @@ impl Builder {
 
     /// One side of a cuboid, front outside.
     pub fn cuboid_side(&mut self, material: u32, low: Vec3, high: Vec3, side: usize) {
-        let (axis, positive) = (side / 2, side % 2 == 1);
+        let axis = side / 2;
+        let positive = side % 2 == 1;
         let at = if positive { high[axis] } else { low[axis] };
-        let (a, b) = ((axis + 1) % 3, (axis + 2) % 3);
+        let a = (axis + 1) % 3;
+        let b = (axis + 2) % 3;
         self.face(material, axis, positive, at, [low[a], high[a]], [low[b], high[b]]);
     }
 
@@ -150,7 +154,8 @@ impl Builder {
             let (sin, cos) = sin_cos(-s);
             foot + Vec3::new(radius * cos, height * t, radius * sin)
         };
-        let (round, height_uv) = (std::f32::consts::PI * radius, 0.5 * height);
+        let round = std::f32::consts::PI * radius;
+        let height_uv = 0.5 * height;
         self.sheet(material, (sides, rows), at, |s, t| Vec2::new(s * round, t * height_uv));
     }
 
@@ -158,7 +163,8 @@ impl Builder {
     pub fn blocks(&mut self, blocks: &Blocks) {
         let fine: [Vec<(f32, i32)>; 3] = [0, 1, 2].map(|axis| refine(blocks.lines[axis], blocks.edge));
         for axis in 0..3 {
-            let (a, b) = ((axis + 1) % 3, (axis + 2) % 3);
+            let a = (axis + 1) % 3;
+            let b = (axis + 2) % 3;
             for (plane, at) in blocks.lines[axis].iter().enumerate() {
                 for pa in fine[a].windows(2) {
                     for pb in fine[b].windows(2) {
@@ -167,8 +173,10 @@ impl Builder {
                             (c[axis], c[a], c[b]) = (layer, pa[0].1, pb[0].1);
                             c
                         };
-                        let (below, above) = (cell(plane as i32 - 1), cell(plane as i32));
-                        let (solid_below, solid_above) = ((blocks.solid)(below), (blocks.solid)(above));
+                        let below = cell(plane as i32 - 1);
+                        let above = cell(plane as i32);
+                        let solid_below = (blocks.solid)(below);
+                        let solid_above = (blocks.solid)(above);
                         if solid_below != solid_above {
                             let air = if solid_below { above } else { below };
                             let material = (blocks.material)(axis, solid_below, air);

@@ -256,7 +256,8 @@ fn streets(b: &mut Builder, m: &Materials, plan: &Plan) {
     b.object("lanes");
     let (width, depth) = plan.size();
     // Round the city's edge the ground ends a little inside of whole metres.
-    let (low, high) = (Vec2::splat(ROAD), Vec2::new(width - ROAD, depth - ROAD));
+    let low = Vec2::splat(ROAD);
+    let high = Vec2::new(width - ROAD, depth - ROAD);
     let grid = (steps(width, 4.0), steps(depth, 4.0));
     let at = |s: f32, t: f32| Vec3::new(low.x + (high.x - low.x) * t, ROAD, low.y + (high.y - low.y) * s);
     b.sheet(m.asphalt, (grid.1, grid.0), at, Vec2::new);
@@ -321,7 +322,8 @@ mod tests {
 
     #[test]
     fn a_city_has_the_triangles_asked_for_and_is_the_same_again() {
-        let (first, again) = (build(150_000).unwrap(), build(150_000).unwrap());
+        let first = build(150_000).unwrap();
+        let again = build(150_000).unwrap();
         assert!(first.mesh.triangles.len().abs_diff(150_000) <= 1, "{}", first.mesh.triangles.len());
         let corners = |built: &Built| built.mesh.triangles.iter().map(|t| t.corners).collect::<Vec<_>>();
         assert!(corners(&first) == corners(&again));
@@ -331,8 +333,10 @@ mod tests {
     #[test]
     fn its_bounds_are_whole_metres_less_what_keeps_voxels_off_walls_and_edges_span_a_thousand() {
         let built = build(*TRIANGLES.range.start() as usize).unwrap();
-        let (mut low, mut high) = (Vec3::INFINITY, Vec3::NEG_INFINITY);
-        let (mut shortest, mut longest) = (f32::INFINITY, 0.0f32);
+        let mut low = Vec3::INFINITY;
+        let mut high = Vec3::NEG_INFINITY;
+        let mut shortest = f32::INFINITY;
+        let mut longest = 0.0f32;
         for t in &built.mesh.triangles {
             for k in 0..3 {
                 low = low.min(t.corners[k]);

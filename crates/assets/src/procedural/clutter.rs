@@ -37,7 +37,8 @@ pub fn build(values: &Values) -> Result<Built, lights::Fault> {
     SHELL.table(&mut b, wood, Vec3::new(1.5, 0.0, 1.5), Vec3::new(1.6, 0.75, 0.8));
     let leg = values.get_f32(&LEG);
     for k in 0..values.count(&CHAIRS) {
-        let (column, row) = (k % 4, k / 4);
+        let column = k % 4;
+        let row = k / 4;
         let x = 0.75 + 0.95 * column as f32;
         // Two rows on both sides of the table, and one behind.
         let (z, facing) = [(1.0, 1.0), (2.8, -1.0), (3.5, -1.0)][row];
@@ -69,7 +70,8 @@ fn chair(b: &mut Builder, [metal, fabric]: [u32; 2], at: Vec3, facing: f32, leg:
     const SEAT: [f32; 2] = [0.44, 0.46];
     const BACK: f32 = 0.9;
     b.object("chair");
-    let (low, high) = (at + Vec3::new(-HALF, SEAT[0], -HALF), at + Vec3::new(HALF, SEAT[1], HALF));
+    let low = at + Vec3::new(-HALF, SEAT[0], -HALF);
+    let high = at + Vec3::new(HALF, SEAT[1], HALF);
     b.cuboid(fabric, low, high, ALL_SIDES);
     // So far do the legs stand inside the edge of the seat.
     let inset = HALF - 0.02 - 0.5 * leg;
@@ -123,7 +125,8 @@ fn picture_frame(b: &mut Builder, [wood, print]: [u32; 2], low: Vec3, width: f32
     // Between the upright bars: their ends lie on those.
     let without_ends = [false, false, true, true, false, true];
     for y in [low.y, high.y - BAR] {
-        let (left, right) = (Vec3::new(low.x + BAR, y, 0.0), Vec3::new(high.x - BAR, y + BAR, DEPTH));
+        let left = Vec3::new(low.x + BAR, y, 0.0);
+        let right = Vec3::new(high.x - BAR, y + BAR, DEPTH);
         b.cuboid(wood, left, right, without_ends);
     }
 }
@@ -139,10 +142,12 @@ fn door(b: &mut Builder, wood: u32, metal: u32) {
     b.object("door");
     b.face(wood, 0, false, wall - GAP, [0.0, TOP], Z);
     for z in [Z[0] - BAR, Z[1]] {
-        let (low, high) = (Vec3::new(wall - DEPTH, 0.0, z), Vec3::new(wall, TOP + BAR, z + BAR));
+        let low = Vec3::new(wall - DEPTH, 0.0, z);
+        let high = Vec3::new(wall, TOP + BAR, z + BAR);
         b.cuboid(wood, low, high, [true, false, false, true, true, true]);
     }
-    let (low, high) = (Vec3::new(wall - DEPTH, TOP, Z[0]), Vec3::new(wall, TOP + BAR, Z[1]));
+    let low = Vec3::new(wall - DEPTH, TOP, Z[0]);
+    let high = Vec3::new(wall, TOP + BAR, Z[1]);
     b.cuboid(wood, low, high, [true, false, true, true, false, false]);
     b.ball(metal, Vec3::new(wall - 0.03, 1.0, Z[0] + 0.08), 0.02);
 }

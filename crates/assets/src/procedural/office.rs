@@ -104,13 +104,16 @@ fn desk(b: &mut Builder, m: &Materials, x: f32, z: f32) {
     b.object("desk");
     b.cuboid(m.wood, Vec3::new(x, 0.72, z), Vec3::new(x + 1.6, 0.75, z + 0.8), ALL_SIDES);
     for foot in [x + 0.05, x + 1.52] {
-        let (low, high) = (Vec3::new(foot, 0.0, z + 0.05), Vec3::new(foot + 0.03, 0.72 + OVERLAP, z + 0.75));
+        let low = Vec3::new(foot, 0.0, z + 0.05);
+        let high = Vec3::new(foot + 0.03, 0.72 + OVERLAP, z + 0.75);
         b.cuboid(m.metal, low, high, UPRIGHT);
     }
     b.object("screen");
-    let (low, high) = (Vec3::new(x + 0.5, 0.85, z + 0.2), Vec3::new(x + 1.1, 1.2, z + 0.23));
+    let low = Vec3::new(x + 0.5, 0.85, z + 0.2);
+    let high = Vec3::new(x + 1.1, 1.2, z + 0.23);
     b.cuboid(m.dark, low, high, ALL_SIDES);
-    let (low, high) = (Vec3::new(x + 0.77, 0.75 - OVERLAP, z + 0.205), Vec3::new(x + 0.83, 0.85 + OVERLAP, z + 0.225));
+    let low = Vec3::new(x + 0.77, 0.75 - OVERLAP, z + 0.205);
+    let high = Vec3::new(x + 0.83, 0.85 + OVERLAP, z + 0.225);
     b.cuboid(m.metal, low, high, UPRIGHT);
 }
 
@@ -119,7 +122,8 @@ fn chair(b: &mut Builder, m: &Materials, x: f32, z: f32) {
     b.object("chair");
     b.cuboid(m.fabric, Vec3::new(x - 0.24, 0.42, z - 0.24), Vec3::new(x + 0.24, 0.48, z + 0.24), ALL_SIDES);
     b.cuboid(m.fabric, Vec3::new(x - 0.22, 0.55, z + 0.2), Vec3::new(x + 0.22, 0.98, z + 0.235), ALL_SIDES);
-    let (low, high) = (Vec3::new(x - 0.03, 0.48 - OVERLAP, z + 0.205), Vec3::new(x + 0.03, 0.55 + OVERLAP, z + 0.23));
+    let low = Vec3::new(x - 0.03, 0.48 - OVERLAP, z + 0.205);
+    let high = Vec3::new(x + 0.03, 0.55 + OVERLAP, z + 0.23);
     b.cuboid(m.metal, low, high, UPRIGHT);
     b.cuboid(m.metal, Vec3::new(x - 0.03, 0.04, z - 0.03), Vec3::new(x + 0.03, 0.42 + OVERLAP, z + 0.03), UPRIGHT);
     b.cuboid(m.metal, Vec3::new(x - 0.25, 0.0, z - 0.25), Vec3::new(x + 0.25, 0.04, z + 0.25), STANDING);
@@ -132,7 +136,8 @@ fn pendant(b: &mut Builder, m: &Materials, low: Vec3) {
     b.cuboid(m.metal, low, high, STANDING);
     b.cuboid_side(m.panel, low, high, 2);
     for x in [low.x + 0.2, low.x + 1.1] {
-        let (foot, head) = (Vec3::new(x, high.y - OVERLAP, low.z + 0.09), Vec3::new(x + 0.02, Y[2], low.z + 0.11));
+        let foot = Vec3::new(x, high.y - OVERLAP, low.z + 0.09);
+        let head = Vec3::new(x + 0.02, Y[2], low.z + 0.11);
         b.cuboid(m.metal, foot, head, UPRIGHT);
     }
 }

@@ -25,7 +25,8 @@ fn draw(name: &str, colour: impl Fn(u32, u32) -> [f32; 3]) -> Source {
 fn noise(x: u32, y: u32, cell: u32, seed: u32) -> f32 {
     let cells = SIZE / cell;
     let smooth = |t: f32| t * t * (3.0 - 2.0 * t);
-    let (fx, fy) = (smooth((x % cell) as f32 / cell as f32), smooth((y % cell) as f32 / cell as f32));
+    let fx = smooth((x % cell) as f32 / cell as f32);
+    let fy = smooth((y % cell) as f32 / cell as f32);
     let at = |dx: u32, dy: u32| unit(hash3((x / cell + dx) % cells, (y / cell + dy) % cells, seed));
     let top = at(0, 0) * (1.0 - fx) + at(1, 0) * fx;
     let bottom = at(0, 1) * (1.0 - fx) + at(1, 1) * fx;
@@ -44,7 +45,8 @@ fn shade(base: [f32; 3], factor: f32) -> [f32; 3] {
 /// Stone tiles, 4 × 4, every other one darker, with joints.
 pub fn tiles() -> Source {
     draw("tiles", |x, y| {
-        let (column, row) = (x / 64, y / 64);
+        let column = x / 64;
+        let row = y / 64;
         if x % 64 < 2 || y % 64 < 2 {
             return [120.0, 112.0, 100.0];
         }
@@ -75,7 +77,8 @@ pub fn plaster() -> Source {
 pub fn cloth(name: &str, colour: [f32; 3]) -> Source {
     draw(name, move |x, y| {
         let weave = 0.92 + 0.08 * if (x / 2 + y / 2) % 2 == 0 { 1.0 } else { 0.0 };
-        let (dx, dy) = (x as i32 % 128 - 64, y as i32 % 128 - 64);
+        let dx = x as i32 % 128 - 64;
+        let dy = y as i32 % 128 - 64;
         let diamond = dx.abs() + dy.abs();
         let gold = (26..32).contains(&diamond) || diamond < 7;
         let base = if gold { [214.0, 176.0, 92.0] } else { colour };

@@ -41,7 +41,8 @@ mod tests {
     fn every_entry_has_its_probability() {
         let weights: Vec<f64> = (0..97).map(|k| if k % 7 == 3 { 0.0 } else { f64::from(k * k % 31) }).collect();
         let table = alias_table(&weights);
-        let (n, total) = (weights.len() as u32, weights.iter().sum::<f64>());
+        let n = weights.len() as u32;
+        let total = weights.iter().sum::<f64>();
         // From the table itself, and by picks.
         let mut found = alloc::vec![0.0f64; weights.len()];
         for (k, entry) in table.iter().enumerate() {

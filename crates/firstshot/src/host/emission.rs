@@ -168,7 +168,8 @@ impl Emission {
                 }
                 kind => {
                     const STEPS: u32 = 256;
-                    let (least, mut mean) = (if kind == LIGHT_SPOT { light.cos_outer } else { -1.0 }, 1.0);
+                    let least = if kind == LIGHT_SPOT { light.cos_outer } else { -1.0 };
+                    let mut mean = 1.0;
                     if kind == LIGHT_SPOT {
                         let at = |k: u32| 1.0 - (1.0 - least) * (k as f32 + 0.5) / STEPS as f32;
                         mean = (0..STEPS).map(|k| spot_falloff(light, at(k))).sum::<f32>() / STEPS as f32;
@@ -257,7 +258,8 @@ fn add_areas(scene: &Scene, elements: &mut Elements) {
             let mut mean = 0.0f32;
             for k in 0..SKY_PLACES * SKY_PLACES {
                 let step = |n: u32| (n as f32 + 0.5) / SKY_PLACES as f32;
-                let (z, azimuth) = (corner.x + size.x * step(k / SKY_PLACES), corner.y + size.y * step(k % SKY_PLACES));
+                let z = corner.x + size.x * step(k / SKY_PLACES);
+                let azimuth = corner.y + size.y * step(k % SKY_PLACES);
                 let (s, c) = sin_cos_2pi(azimuth);
                 let r = (1.0 - z * z).max(0.0).sqrt();
                 let towards = Vec3::new(r * s, z, -r * c);
@@ -303,8 +305,11 @@ impl Brightest {
             let uv = geometry.texture_coordinate(light_element.triangle, c.x, c.y);
             Vec2::new(uv.x, 1.0 - uv.y) * size
         };
-        let (a, b, c) = (at(light_element.corners[0]), at(light_element.corners[1]), at(light_element.corners[2]));
-        let (low, high) = (a.min(b).min(c).floor() - 1.0, a.max(b).max(c).ceil() + 1.0);
+        let a = at(light_element.corners[0]);
+        let b = at(light_element.corners[1]);
+        let c = at(light_element.corners[2]);
+        let low = a.min(b).min(c).floor() - 1.0;
+        let high = a.max(b).max(c).ceil() + 1.0;
         let extent = high - low;
         if !extent.is_finite() || extent.x >= size.x || extent.y >= size.y {
             return whole.get(material.albedo_texture as usize).copied();
@@ -313,7 +318,8 @@ impl Brightest {
         for y in 0..=extent.y as u32 {
             for x in 0..=extent.x as u32 {
                 let wrapped = |low: f32, k: u32, n: u32| (low as i64 + i64::from(k)).rem_euclid(i64::from(n)) as u32;
-                let (x, y) = (wrapped(low.x, x, texture.width), wrapped(low.y, y, texture.height));
+                let x = wrapped(low.x, x, texture.width);
+                let y = wrapped(low.y, y, texture.height);
                 let index = texture.offset + y * texture.width + x;
                 greatest = greatest.max(scene::kernel::texture::texel(&scene.geometry.texels, index).truncate());
             }

@@ -245,13 +245,16 @@ impl<'a> Search<'a> {
     /// The triangles of block `k` that its light may fall on.
     fn block(&self, k: usize) -> Block<'_> {
         let Self { scene, settings, wholes, least, .. } = self;
-        let (n, first) = (k / wholes.len().div_ceil(BLOCK), k % wholes.len().div_ceil(BLOCK) * BLOCK);
-        let (light, longest) = (self.lights[n], settings.longest * scene.diagonal());
+        let n = k / wholes.len().div_ceil(BLOCK);
+        let first = k % wholes.len().div_ceil(BLOCK) * BLOCK;
+        let light = self.lights[n];
+        let longest = settings.longest * scene.diagonal();
         let color = scene.lighting.lights[light as usize].color;
         let mut large = Vec::new();
         let mut groups = [const { Vec::<Group>::new() }; 2];
         for (t, whole) in (first..).zip(&wholes[first..wholes.len().min(first + BLOCK)]) {
-            let (reflected, open) = (luminance(whole.onward * color), self.open[t * self.lights.len() + n]);
+            let reflected = luminance(whole.onward * color);
+            let open = self.open[t * self.lights.len() + n];
             let power = reflected * whole.area * open.abs();
             if reflected <= 0.0 || whole.area <= 0.0 {
                 continue;
@@ -344,7 +347,8 @@ impl Block<'_> {
                     let Whole { area, onward, .. } = wholes[triangle as usize];
                     let Some(side) = Side::new(scene, triangle, light) else { continue };
                     let values = WHOLE.map(|at| side.arrival(inwards(at)).1.share * group.seen);
-                    let (middle, around) = (open * group.seen, open * around);
+                    let middle = open * group.seen;
+                    let around = open * around;
                     let seen = if group.seen > 0.0 { group.seen } else { 1.0 };
                     let corners = WHOLE;
                     found.push(LightElement {

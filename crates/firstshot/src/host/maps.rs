@@ -52,7 +52,8 @@ impl IlluminationMaps {
         if total > MAX_CELLS {
             return Err(Error::TooMany { name: "cells of illumination maps", found: total, limit: MAX_CELLS });
         }
-        let (mut grids, mut areas) = (Vec::with_capacity(divisions.len()), Vec::with_capacity(total as usize));
+        let mut grids = Vec::with_capacity(divisions.len());
+        let mut areas = Vec::with_capacity(total as usize);
         for (t, &n) in scene.geometry.triangles.iter().zip(divisions) {
             let n = n.max(1);
             grids.push(MapGrid { first: areas.len() as u32, divisions: n });
@@ -75,9 +76,12 @@ impl IlluminationMaps {
                 .map(|(cell, [a, b, c])| {
                     let is_solid = |k: &u32| {
                         // One place in each of like parts, anywhere in it: holes are often as regular as parts are.
-                        let (column, row) = (k % HOLE_PARTS, k / HOLE_PARTS);
-                        let (x, y) = (unit(hash3(cell, 2 * k, 0)), unit(hash3(cell, 2 * k + 1, 0)));
-                        let (x, y) = ((column as f32 + x) / HOLE_PARTS as f32, (row as f32 + y) / HOLE_PARTS as f32);
+                        let column = k % HOLE_PARTS;
+                        let row = k / HOLE_PARTS;
+                        let x = unit(hash3(cell, 2 * k, 0));
+                        let y = unit(hash3(cell, 2 * k + 1, 0));
+                        let x = (column as f32 + x) / HOLE_PARTS as f32;
+                        let y = (row as f32 + y) / HOLE_PARTS as f32;
                         let (u, v) = if x + y > 1.0 { (1.0 - x, 1.0 - y) } else { (x, y) };
                         let at = a + (b - a) * u + (c - a) * v;
                         !geometry.is_hole(t, at.x, at.y)
@@ -124,7 +128,8 @@ impl IlluminationMaps {
             for (normal, is_back) in sides(t) {
                 for at in corners {
                     let cell = cell_at(*grid, at.x, at.y, is_back) as usize;
-                    let (light, area) = (irradiance[cell] * self.areas[cell], self.areas[cell]);
+                    let light = irradiance[cell] * self.areas[cell];
+                    let area = self.areas[cell];
                     let known = vertices.entry(key(geometry.position(t, at.x, at.y))).or_default();
                     match known.iter_mut().find(|k| k.0.distance_squared(normal) < LIKE_NORMALS) {
                         Some((_, sum, weight)) => {

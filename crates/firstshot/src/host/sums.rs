@@ -87,7 +87,8 @@ pub struct Sums {
 /// Areas of the groups of cells, m²: of groups from 0 to the greatest number in use, or of the cells where there are no
 /// groups.
 pub fn group_areas(accumulator: &dyn PhotonAccumulator) -> Vec<f32> {
-    let (groups, areas) = (accumulator.groups(), accumulator.areas());
+    let groups = accumulator.groups();
+    let areas = accumulator.areas();
     if groups.is_empty() {
         return areas.to_vec();
     }

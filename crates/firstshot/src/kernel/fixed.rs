@@ -75,7 +75,8 @@ mod tests {
             (sum, expected) = (plus(sum, more), expected + units(more));
         }
         assert_eq!(units(sum), expected);
-        let (found, exact) = (f64::from(to_float(sum)), expected as f64 / f64::from(UNITS));
+        let found = f64::from(to_float(sum));
+        let exact = expected as f64 / f64::from(UNITS);
         assert!((found / exact - 1.0).abs() < 2f64.powi(-23), "{found} {exact}");
     }
 
@@ -83,7 +84,9 @@ mod tests {
     fn as_many_photons_as_may_be_do_not_overflow_a_sum() {
         // 2³³ photons with 20 segments each, of blue light, one unit of which has a luminance of 0.0722, all on one
         // cell.
-        let (photons, segments, blue) = (crate::MAX_PHOTONS as f64, 20.0, 1.0 / 0.0722);
+        let photons = crate::MAX_PHOTONS as f64;
+        let segments = 20.0;
+        let blue = 1.0 / 0.0722;
         let room = 2f64.powi(64) / f64::from(UNITS);
         assert!(photons * segments * blue < 0.25 * room);
         // With 24 bits behind the point they would.

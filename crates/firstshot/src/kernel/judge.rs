@@ -29,7 +29,9 @@ pub fn element_irradiance(
     element_areas: &[f32],
     element: u32,
 ) -> Vec4 {
-    let (mut red, mut green, mut blue) = (Fixed::default(), Fixed::default(), Fixed::default());
+    let mut red = Fixed::default();
+    let mut green = Fixed::default();
+    let mut blue = Fixed::default();
     for n in cell_start[element as usize]..cell_start[element as usize + 1] {
         let at = SUM_WORDS * cells[n as usize];
         red = plus(red, fixed_at(sums, at));
@@ -50,7 +52,8 @@ pub fn element_irradiance(
 pub fn noise_and_signal(p: &JudgeParams, word: impl Fn(u32) -> u32, group_areas: &[f32], k: u32) -> Vec2 {
     let first = k * JUDGED;
     let end = if first + JUDGED < p.group_count { first + JUDGED } else { p.group_count };
-    let (mut noise, mut signal) = (0.0, 0.0);
+    let mut noise = 0.0;
+    let mut signal = 0.0;
     for group in first..end {
         let area = group_areas[group as usize];
         if area > 0.0 {
@@ -59,7 +62,8 @@ pub fn noise_and_signal(p: &JudgeParams, word: impl Fn(u32) -> u32, group_areas:
                 to_float(Fixed { low: word(at), high: word(at + 1) })
             };
             let n = p.batches as f32;
-            let (mut sum, mut squares) = (0.0, 0.0);
+            let mut sum = 0.0;
+            let mut squares = 0.0;
             for batch in 0..p.batches {
                 sum += value(batch);
             }

@@ -18,7 +18,8 @@ const STEPS: u32 = 32;
 #[inline]
 pub fn invert_first(b: f32, beta: f32) -> f32 {
     let cubic = 1.0 - 3.0 * b;
-    let (mut low, mut high) = (0.0f32, 1.0f32);
+    let mut low = 0.0f32;
+    let mut high = 1.0f32;
     let mut t = sqrt(beta);
     let mut step = 0;
     while step < STEPS {

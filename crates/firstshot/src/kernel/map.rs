@@ -10,7 +10,8 @@ use crate::types::MapGrid;
 #[inline]
 pub fn cell_at(grid: MapGrid, u: f32, v: f32, is_back: bool) -> u32 {
     let n = grid.divisions;
-    let (x, y) = (clamp(u, 0.0, 1.0) * n as f32, clamp(v, 0.0, 1.0) * n as f32);
+    let x = clamp(u, 0.0, 1.0) * n as f32;
+    let y = clamp(v, 0.0, 1.0) * n as f32;
     let j = if (y as u32) < n { y as u32 } else { n - 1 };
     let last = n - 1 - j;
     let i = if (x as u32) < last { x as u32 } else { last };
@@ -22,7 +23,8 @@ pub fn cell_at(grid: MapGrid, u: f32, v: f32, is_back: bool) -> u32 {
 #[inline]
 pub fn cell_corners(divisions: u32, i: u32, j: u32, is_tip: bool) -> (Vec2, Vec2, Vec2) {
     let n = 1.0 / divisions as f32;
-    let (u0, v0) = (i as f32 * n, j as f32 * n);
+    let u0 = i as f32 * n;
+    let v0 = j as f32 * n;
     if is_tip {
         (Vec2::new(u0 + n, v0 + n), Vec2::new(u0, v0 + n), Vec2::new(u0 + n, v0))
     } else {

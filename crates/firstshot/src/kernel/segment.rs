@@ -52,7 +52,8 @@ pub fn reflect(g: &GeometryTables, p: &PhotonParams, k: u32, photon: &Photon, hi
     }
     let arrived = arriving(p, photon, hit);
     let flux = arrived * g.albedo(hit.triangle, hit.u, hit.v);
-    let (left, before) = (luminance(flux), luminance(photon.flux));
+    let left = luminance(flux);
+    let before = luminance(photon.flux);
     let (survival, way) = Sequence::of(p, k).reflection(photon.segments);
     let chosen = unit(survival) * before;
     let position = g.position(hit.triangle, hit.u, hit.v);
@@ -64,8 +65,10 @@ pub fn reflect(g: &GeometryTables, p: &PhotonParams, k: u32, photon: &Photon, hi
         next.flux = flux * (before / left);
     } else if g.is_specular(hit.triangle) {
         let parts = specular_parts(g, hit.triangle, photon.direction);
-        let (mirrored, refracted) = (arrived * parts.mirrored, arrived * parts.refracted);
-        let (by_mirror, by_refraction) = (luminance(mirrored), luminance(refracted));
+        let mirrored = arrived * parts.mirrored;
+        let refracted = arrived * parts.refracted;
+        let by_mirror = luminance(mirrored);
+        let by_refraction = luminance(refracted);
         if by_mirror > 0.0 && chosen < left + by_mirror {
             next.origin = position + parts.normal * p.ray_offset;
             next.direction = parts.mirror_direction;

@@ -41,7 +41,8 @@ const fn columns(k: usize) -> [u32; 32] {
 pub fn sobol_more(k: u32, which: u32) -> u32 {
     // Every column, whether its bit is set or not: chance decides about bits, so branches on them would be foretold
     // wrongly.
-    let (mut x, mut i) = (0u32, 0usize);
+    let mut x = 0u32;
+    let mut i = 0usize;
     while i < 32 {
         x ^= COLUMNS[which as usize][i] & (k >> i & 1).wrapping_neg();
         i += 1;

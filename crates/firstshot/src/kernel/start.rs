@@ -119,7 +119,8 @@ fn depart(
         return Departure { goes_through: 0, direction: diffuse, share: albedo };
     }
     let parts = specular_parts(g, triangle, direction);
-    let (reflected, mirrored) = (luminance(albedo * color), luminance(parts.mirrored * color));
+    let reflected = luminance(albedo * color);
+    let mirrored = luminance(parts.mirrored * color);
     let all = reflected + mirrored + luminance(parts.refracted * color);
     let chosen = unit(w.part) * all;
     if chosen < reflected {
@@ -193,7 +194,8 @@ fn start_on_light_element(
 /// A photon of a shining surface: `flux = L · scale`, uniform over the area, cosine-weighted.
 #[inline]
 fn start_on_emitter(g: &GeometryTables, sources: &Sources, p: &PhotonParams, e: &Element, w: &StartWords) -> Photon {
-    let (x, y) = (unit(w.place.0), unit(w.place.1));
+    let x = unit(w.place.0);
+    let y = unit(w.place.1);
     let (origin, normal, radiance);
     if e.kind == ELEMENT_RECT {
         let light = sources.lights[e.light as usize];
@@ -266,7 +268,8 @@ pub fn start_from(
         let light;
         if e.kind == ELEMENT_SKY {
             // Heights and azimuths have equal solid angles in equal areas.
-            let (z, azimuth) = (e.corner.x + e.edge_a.x * unit(w.way.0), e.corner.y + e.edge_a.y * unit(w.way.1));
+            let z = e.corner.x + e.edge_a.x * unit(w.way.0);
+            let azimuth = e.corner.y + e.edge_a.y * unit(w.way.1);
             let (s, c) = sin_cos_2pi(azimuth);
             let inside = 1.0 - z * z;
             let r = sqrt(if inside > 0.0 { inside } else { 0.0 });

@@ -19,7 +19,9 @@ pub fn quad(corner: Vec3, a: Vec3, b: Vec3, material: u32) -> [Triangle; 2] {
 
 /// A box with fronts inside; material of each of the sides x₀ x₁ y₀ y₁ z₀ z₁.
 pub fn room(low: Vec3, size: Vec3, materials: [u32; 6]) -> Vec<Triangle> {
-    let (x, y, z) = (Vec3::X * size.x, Vec3::Y * size.y, Vec3::Z * size.z);
+    let x = Vec3::X * size.x;
+    let y = Vec3::Y * size.y;
+    let z = Vec3::Z * size.z;
     let high = low + size;
     [
         quad(low, y, z, materials[0]),
@@ -42,8 +44,11 @@ pub fn sphere(radius: f32, divisions: u32) -> Vec<Triangle> {
     };
     let mut triangles = Vec::new();
     for k in 0..6 * divisions * divisions {
-        let (face, i, j) = (k / (divisions * divisions), k / divisions % divisions, k % divisions);
-        let (axis, side) = ((face / 2) as usize, if face.is_multiple_of(2) { 1.0 } else { -1.0 });
+        let face = k / (divisions * divisions);
+        let i = k / divisions % divisions;
+        let j = k % divisions;
+        let axis = (face / 2) as usize;
+        let side = if face.is_multiple_of(2) { 1.0 } else { -1.0 };
         let at = |di: u32, dj: u32| on_sphere(axis, side, i + di, j + dj);
         for [a, b, c] in [[at(0, 0), at(1, 0), at(1, 1)], [at(0, 0), at(1, 1), at(0, 1)]] {
             let is_outwards = (b - a).cross(c - a).dot(a) > 0.0;
@@ -162,7 +167,9 @@ pub fn room_with_a_window(lights: Vec<Light>) -> Scene {
 
 /// Greatest deviation of two estimates in standard errors, and the relative difference of the light of all cells.
 pub fn deviation(maps: &IlluminationMaps, a: &Estimate, b: &Estimate) -> (f64, f64) {
-    let (mut squares, mut cells, mut light) = (0.0, 0, [0.0f64; 2]);
+    let mut squares = 0.0;
+    let mut cells = 0;
+    let mut light = [0.0f64; 2];
     for k in 0..maps.len() {
         let own = [a, b].map(|e| f64::from(scene::math::luminance(e.irradiance[k])));
         let variance = f64::from(a.error[k]).powi(2) + f64::from(b.error[k]).powi(2);

@@ -63,7 +63,8 @@ fn solid_angle(a: DVec3, b: DVec3, c: DVec3) -> f64 {
 /// Uniform direction within a spherical triangle of solid angle `omega` (Arvo 1995).
 fn spherical_triangle_point(a: DVec3, b: DVec3, c: DVec3, omega: f64, x: f64, y: f64) -> DVec3 {
     let at = |p: DVec3| (p - a * p.dot(a)).normalize_or_zero();
-    let (ab, ac) = (at(b), at(c));
+    let ab = at(b);
+    let ac = at(c);
     let cos_alpha = ab.dot(ac).clamp(-1.0, 1.0);
     let sin_alpha = ab.cross(ac).length();
     let alpha = atan2(sin_alpha, cos_alpha);
@@ -92,7 +93,8 @@ fn sample_source(
         let target = polygon_point(source, x, y);
         let to = target - point;
         let squared = to.length_squared();
-        let (here, there) = (to.dot(normal), -to.dot(source.normal));
+        let here = to.dot(normal);
+        let there = -to.dot(source.normal);
         let seen = here > 0.0 && there > 0.0 && visible(point, target);
         return if seen { source.area * here * there / (PI * squared * squared) } else { 0.0 };
     }
@@ -101,11 +103,14 @@ fn sample_source(
     let mut rest = x * total;
     let last = source.corners().len() - 3;
     for (k, [a, b, c]) in source.fan().enumerate() {
-        let (ua, ub, uc) = (unit(a), unit(b), unit(c));
+        let ua = unit(a);
+        let ub = unit(b);
+        let uc = unit(c);
         let omega = solid_angle(ua, ub, uc);
         if (rest < omega || k == last) && omega > 0.0 {
             let direction = spherical_triangle_point(ua, ub, uc, omega, (rest / omega).min(1.0), y);
-            let (here, there) = (direction.dot(normal), -direction.dot(source.normal));
+            let here = direction.dot(normal);
+            let there = -direction.dot(source.normal);
             if here <= 0.0 || there <= 0.0 {
                 return 0.0;
             }
@@ -144,7 +149,8 @@ pub(super) fn patch_to_patch(
     let total: f64 = expected.iter().sum();
     let ratio = (receiver.radius + source.radius) / receiver.centroid.distance(source.centroid).max(f64::MIN_POSITIVE);
     let pairs = (f64::from(samples) * (PAIRS_NEARBY * ratio * ratio).min(1.0)).max(4.0);
-    let (mut sum, mut k) = (0.0, 0u64);
+    let mut sum = 0.0;
+    let mut k = 0u64;
     let mut owed = 0.0;
     for (&t, e) in leaves.iter().zip(&expected) {
         owed += pairs * e / total;

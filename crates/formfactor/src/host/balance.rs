@@ -42,7 +42,8 @@ pub fn reciprocity_residual(factors: &Dense, area: &[f32]) -> f64 {
         .map(|i| {
             let mut worst = 0.0f64;
             for j in 0..i {
-                let (a, b) = (f64::from(area[i]), f64::from(area[j]));
+                let a = f64::from(area[i]);
+                let b = f64::from(area[j]);
                 let there = a * f64::from(factors.values[i * n + j]);
                 let back = b * f64::from(factors.values[j * n + i]);
                 worst = worst.max((there - back).abs() / (a * b).sqrt());

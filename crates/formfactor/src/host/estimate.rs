@@ -229,7 +229,8 @@ pub(super) fn in_quadrants(s: &Surfaces, rows: Range<usize>, columns: &[u32], sk
     let p = hemisphere_params(s, rows.start, rays);
     let mut quadrants = Quadrants::new(s, rows.clone(), rays, sky_bin);
     for (place, &column) in columns.iter().enumerate() {
-        let (row, k) = (rows.start + place / rays as usize, place as u32 % rays);
+        let row = rows.start + place / rays as usize;
+        let k = place as u32 % rays;
         quadrants.put(place, column, hemisphere_ray(&p, s.offsets, s.points, row as u32, k).1);
     }
     quadrants.hits
@@ -260,7 +261,8 @@ impl<'a> Quadrants<'a> {
     /// The ray at a place among those of all rows.
     fn put(&mut self, place: usize, column: u32, direction: Vec3) {
         let column = if column == self.sky { self.first_bin + (self.sky_bin)(direction) } else { column };
-        let (row, k) = (place / self.rays, place % self.rays);
+        let row = place / self.rays;
+        let k = place % self.rays;
         let (right, up) = self.frames[row];
         self.hits[(QUADRANTS * row + quadrant_of(direction, right, up)) * self.rays + k] = column;
     }
@@ -377,11 +379,13 @@ impl Estimator for PointToPoint {
     fn row(&self, s: &Surfaces, row: usize, factors: &mut [f32]) -> (f32, f32) {
         let points = s.row_points(row);
         for (patch, out) in s.patches.iter().zip(factors.iter_mut()) {
-            let (centre, there) = (patch.centroid.as_dvec3(), patch.normal.as_dvec3());
+            let centre = patch.centroid.as_dvec3();
+            let there = patch.normal.as_dvec3();
             *out = weighted(points, |position, normal| {
                 let to = centre - position;
                 let squared = to.length_squared();
-                let (cos_here, cos_there) = (to.dot(normal), -to.dot(there));
+                let cos_here = to.dot(normal);
+                let cos_there = -to.dot(there);
                 if cos_here <= 0.0 || cos_there <= 0.0 || !sees(s, position, normal, centre, there) {
                     return 0.0;
                 }
@@ -398,12 +402,14 @@ impl Contour {
     fn visible_share(&self, s: &Surfaces, row: usize, j: usize, point: impl Fn(f64, f64) -> (DVec3, DVec3)) -> f64 {
         let source = &s.polygons[j];
         let shift = shift(s, row, j);
-        let (mut seen, mut all) = (0.0, 0.0);
+        let mut seen = 0.0;
+        let mut all = 0.0;
         for k in 0..self.shadow_rays {
             let x = area::recurrence(u64::from(k), shift);
             let (from, normal) = point(x[0], x[1]);
             let to = area::polygon_point(source, x[2], x[3]);
-            let (here, there) = ((to - from).dot(normal), (from - to).dot(source.normal));
+            let here = (to - from).dot(normal);
+            let there = (from - to).dot(source.normal);
             if here <= 0.0 || there <= 0.0 {
                 continue;
             }
@@ -461,7 +467,8 @@ fn cut(receiver: &Polygon, source: &Polygon) -> (Option<Polygon>, Option<Polygon
 
 /// Mean over the points of a row by their weights.
 fn weighted(points: &[SurfacePoint], value: impl Fn(DVec3, DVec3) -> f64) -> f32 {
-    let (mut sum, mut weights) = (0.0, 0.0);
+    let mut sum = 0.0;
+    let mut weights = 0.0;
     for p in points {
         sum += f64::from(p.weight) * value(p.position.as_dvec3(), p.normal.as_dvec3());
         weights += f64::from(p.weight);
@@ -504,8 +511,10 @@ pub fn form_factor_blocks(
     if block_rows == 0 {
         return Err(transport::Error::Setting { name: "block_rows", value: 0.0, rule: "at least 1" }.into());
     }
-    let (total, columns) = (surfaces.rows(), surfaces.patches.len());
-    let (done, cancelled) = (AtomicUsize::new(0), AtomicBool::new(false));
+    let total = surfaces.rows();
+    let columns = surfaces.patches.len();
+    let done = AtomicUsize::new(0);
+    let cancelled = AtomicBool::new(false);
     for first in (0..total).step_by(block_rows) {
         let rows = block_rows.min(total - first);
         let mut block =

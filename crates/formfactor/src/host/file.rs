@@ -161,7 +161,9 @@ impl RowFile {
         if word(HEADER - 4) != sum {
             return Err(content("the header was altered", u64::from(sum), u64::from(word(HEADER - 4))));
         }
-        let (rows, columns, block) = (long(12), long(20), long(28));
+        let rows = long(12);
+        let columns = long(20);
+        let block = long(28);
         let expected = rows
             .checked_mul(columns)
             .and_then(|n| n.checked_mul(4))
@@ -170,7 +172,9 @@ impl RowFile {
         if size != expected || block == 0 {
             return Err(content("the file was cut or has something appended", expected, size));
         }
-        let (rows, columns, block_rows) = (rows as usize, columns as usize, block as usize);
+        let rows = rows as usize;
+        let columns = columns as usize;
+        let block_rows = block as usize;
         Ok(Self { path: path.to_path_buf(), file, rows, columns, block_rows })
     }
 
@@ -209,7 +213,8 @@ impl RowFile {
         let found = u32::from_le_bytes([tail[0], tail[1], tail[2], tail[3]]);
         if expected != found {
             let path = self.path.display().to_string();
-            let (expected, found) = (u64::from(expected), u64::from(found));
+            let expected = u64::from(expected);
+            let found = u64::from(found);
             return Err(Error::FileContent { path, reason: "a block of rows was altered", expected, found });
         }
         let values = data.chunks_exact(4).map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]])).collect();
@@ -237,7 +242,8 @@ mod tests {
     fn rows_come_back_and_damage_is_found() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("rows");
-        let (rows, columns) = (5, 700_000);
+        let rows = 5;
+        let columns = 700_000;
         let dense = Dense::new(rows, columns, (0..rows * columns).map(|k| k as f32).collect()).unwrap();
         let mut writer = RowFileWriter::create(&path, rows, columns).unwrap();
         writer.push(&dense.values[..2 * columns]).unwrap();

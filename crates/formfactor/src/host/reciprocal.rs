@@ -86,7 +86,8 @@ fn merged(factors: &Csr, transposed: &Csr, a: &[f64]) -> Result<Csr, Error> {
     let both = |i: usize| {
         let weight = |j: usize| (1.0 / (1.0 / a[i] + 1.0 / a[j])) as f32;
         let mut out: Vec<(u32, f32)> = Vec::new();
-        let (mut there, mut back) = (row(factors, i).peekable(), row(transposed, i).peekable());
+        let mut there = row(factors, i).peekable();
+        let mut back = row(transposed, i).peekable();
         loop {
             let (j, f) = match (there.peek().copied(), back.peek().copied()) {
                 (Some(t), Some(b)) if t.0 == b.0 => {
@@ -155,7 +156,8 @@ fn transpose(rows: &Csr) -> Csr {
         start[j + 1] += start[j];
     }
     let mut next = start.clone();
-    let (mut column_index, mut values) = (vec![0u32; rows.values.len()], vec![0.0f32; rows.values.len()]);
+    let mut column_index = vec![0u32; rows.values.len()];
+    let mut values = vec![0.0f32; rows.values.len()];
     for i in 0..rows.rows {
         for (j, f) in row(rows, i) {
             let k = next[j] as usize;
@@ -207,12 +209,15 @@ mod tests {
             assert!((found * scale / area - 1.0).abs() < 0.05, "area {i}: {} for {area}", found * scale);
         }
         assert!(found.closure < 1e-3, "{}", found.closure);
-        let (f, e, x) = (found.factors.to_dense(), estimate.to_dense(), exact.to_dense());
+        let f = found.factors.to_dense();
+        let e = estimate.to_dense();
+        let x = exact.to_dense();
         for i in 0..60 {
             let sum = |d: &super::super::Dense| d.row(i).iter().sum::<f32>();
             assert!((sum(&f) - sum(&e)).abs() < 1e-3);
             for j in 0..60 {
-                let (there, back) = (found.area[i] * f.row(i)[j], found.area[j] * f.row(j)[i]);
+                let there = found.area[i] * f.row(i)[j];
+                let back = found.area[j] * f.row(j)[i];
                 assert!((there - back).abs() <= 1e-5 * there.max(back));
             }
         }

@@ -74,7 +74,8 @@ fn collect_rows(
 ) -> Result<SparseRows, Error> {
     check_surfaces(surfaces)?;
     Hemisphere { rays }.check(surfaces)?;
-    let (total, patches) = (surfaces.rows(), surfaces.patches.len() as u32);
+    let total = surfaces.rows();
+    let patches = surfaces.patches.len() as u32;
     let task = |own: Range<usize>| {
         let mut part = Part::default();
         own.for_each(|row| part.push(row_hits(row), patches));
@@ -190,7 +191,8 @@ fn add_rows<E: From<Error>>(
     check_surfaces(surfaces)?;
     Hemisphere { rays }.check(surfaces)?;
     check_length("columns", rows.columns(), surfaces.patches.len()).map_err(Error::from)?;
-    let (total, sky) = (surfaces.rows(), surfaces.patches.len() as u32);
+    let total = surfaces.rows();
+    let sky = surfaces.patches.len() as u32;
     let first_bin = first_sky_column(surfaces);
     let is_sky = |column: u32| column == sky || column >= first_bin && column != NONE;
     let mut sky_factor = Vec::with_capacity(parts * total);
@@ -224,7 +226,8 @@ pub fn gather_by_rays(
     check_surfaces(surfaces)?;
     Hemisphere { rays }.check(surfaces)?;
     check_length("exitance", surfaces.patches.len(), exitance.len())?;
-    let (total, order) = (surfaces.rows(), like_rays(rays));
+    let total = surfaces.rows();
+    let order = like_rays(rays);
     let gather = |row: usize| {
         let light = |(column, share): (u32, f32)| exitance.get(column as usize).map_or(Vec4::ZERO, |b| *b * share);
         hemisphere_hits(surfaces, row, &order).into_iter().map(light).sum::<Vec4>().truncate().extend(0.0)
@@ -284,7 +287,8 @@ impl Part {
         // Stable, so that shares are always added in the same order.
         hits.sort_by_key(|hit| hit.0);
         let start = self.columns.len();
-        let (mut sky, mut lost) = (0.0, 0.0);
+        let mut sky = 0.0;
+        let mut lost = 0.0;
         for (column, share) in hits {
             if column == patches {
                 sky += share;

@@ -5,7 +5,9 @@ use glam::DVec3;
 /// The four like parts of a triangle.
 pub(super) fn four_parts(t: [DVec3; 3]) -> [[DVec3; 3]; 4] {
     let [a, b, c] = t;
-    let (ab, bc, ca) = ((a + b) * 0.5, (b + c) * 0.5, (c + a) * 0.5);
+    let ab = (a + b) * 0.5;
+    let bc = (b + c) * 0.5;
+    let ca = (c + a) * 0.5;
     [[a, ab, ca], [ab, b, bc], [ca, bc, c], [bc, ca, ab]]
 }
 

@@ -15,7 +15,8 @@ pub const EXTRA_COLUMNS: u32 = 2;
 /// `rays % count` of them one longer; a row with more points than rays uses every (count / rays)-th.
 #[inline]
 fn point_of_ray(rays: u32, count: u32, k: u32) -> (u32, u32) {
-    let (block, longer) = (rays / count, rays % count);
+    let block = rays / count;
+    let longer = rays % count;
     if block == 0 {
         (k * (count / rays), 1)
     } else if k < longer * (block + 1) {

@@ -95,7 +95,8 @@ fn finish(work: &Path, entry: &str, bytes: &[u8]) -> Result<Vec<u8>> {
     ensure!(bytes.len().is_multiple_of(4), "{entry}: not whole words");
     let words: Vec<u32> = bytes.chunks_exact(4).map(|b| u32::from_le_bytes([b[0], b[1], b[2], b[3]])).collect();
     let decorated: Vec<u8> = forbid_contraction(&words).iter().flat_map(|w| w.to_le_bytes()).collect();
-    let (input, output) = (work.join("in.spv"), work.join("out.spv"));
+    let input = work.join("in.spv");
+    let output = work.join("out.spv");
     fs::write(&input, decorated)?;
     run(Command::new("spirv-opt").args(["--strip-debug", "-O"]).arg(&input).arg("-o").arg(&output), entry)?;
     run(Command::new("spirv-val").args(["--target-env", "vulkan1.2"]).arg(&output), entry)?;

@@ -7,9 +7,12 @@ pub fn forbid_contraction(words: &[u32]) -> Vec<u32> {
     const DECORATE: u32 = 71;
     const MEMBER_DECORATE: u32 = 72;
     const NO_CONTRACTION: u32 = 42;
-    let (mut position, mut annotations_end, mut decorations) = (HEADER, HEADER, Vec::new());
+    let mut position = HEADER;
+    let mut annotations_end = HEADER;
+    let mut decorations = Vec::new();
     while position < words.len() {
-        let (length, operation) = ((words[position] >> 16) as usize, words[position] & 0xffff);
+        let length = (words[position] >> 16) as usize;
+        let operation = words[position] & 0xffff;
         if is_float_arithmetic(operation) {
             decorations.extend([3 << 16 | DECORATE, words[position + 2], NO_CONTRACTION]);
         }

@@ -21,7 +21,8 @@ type Dense<'s, 'a> = (GatherParams, Bound<'s, 'a>, Bound<'s, 'a>, &'s mut [Rgb])
 
 fn dense<'s, 'a>(kernel: &Kernel, call: &'s mut HostCall<'_, 'a>) -> Result<Dense<'s, 'a>, HostError> {
     let (p, [factors, exitance, irradiance]) = call.parts::<GatherParams, 3>(kernel)?;
-    let (first, rows) = (p.first_row as usize, p.rows as usize);
+    let first = p.first_row as usize;
+    let rows = p.rows as usize;
     Ok((p, factors, exitance, &mut irradiance.write::<Rgb>(first + rows)?[first..]))
 }
 
@@ -29,7 +30,10 @@ fn dense<'s, 'a>(kernel: &Kernel, call: &'s mut HostCall<'_, 'a>) -> Result<Dens
 /// vectors in the order in which they lie in memory.
 fn gather_together(p: &GatherParams, rows: &mut [Rgb], first: u32, factors: impl Fn(u32, u32) -> Vec4, light: &[Rgb]) {
     let row = |k: u32| product::clamp_row(first + k, p.rows);
-    let (a, b, c, d) = (row(0), row(1), row(2), row(3));
+    let a = row(0);
+    let b = row(1);
+    let c = row(2);
+    let d = row(3);
     let mut lanes = [RowSums::default(); LANES as usize];
     for vector in 0..p.vectors {
         let lane = &mut lanes[(vector % LANES) as usize];
@@ -82,7 +86,8 @@ pub(crate) fn gather_csr(kernel: &Kernel, call: &mut HostCall) -> Result<(), Hos
     let n = p.count as usize;
     let row_start = row_start.read::<u32>(n + 1)?;
     let entries = row_start[n] as usize;
-    let (columns, values) = (columns.read::<u32>(entries)?, values.read::<f32>(entries)?);
+    let columns = columns.read::<u32>(entries)?;
+    let values = values.read::<f32>(entries)?;
     let exitance = exitance.read::<Rgb>(0)?;
     fill(irradiance.write(n)?, |k| sparse_row(k as usize, row_start, columns, values, exitance));
     Ok(())
@@ -122,7 +127,8 @@ impl<'a> HitRows<'a> {
         let bound = row_start[n].saturating_sub(first_quad);
         let quads = quads.read::<UVec2>(bound as usize)?;
         let counts = bytemuck::cast_slice(counts.read::<u32>(bound.div_ceil(WORD_COUNTS) as usize)?);
-        let (scales, light) = (scales.read::<f32>(n)?, exitance.read::<Rgb>(0)?);
+        let scales = scales.read::<f32>(n)?;
+        let light = exitance.read::<Rgb>(0)?;
         let known = light.len().min(MAX_COLUMNS);
         let mut exitance = std::vec![Vec4::ZERO; MAX_COLUMNS];
         exitance[..known].copy_from_slice(&light[..known]);

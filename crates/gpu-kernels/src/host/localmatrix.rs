@@ -36,7 +36,8 @@ fn blocks(slots: u32) -> usize {
 pub(crate) fn compact(kernel: &Kernel, call: &mut HostCall) -> Result<(), HostError> {
     let (p, [starts, values, list]) = call.parts::<CountParams, 3>(kernel)?;
     let n = p.count as usize;
-    let (starts, values) = (starts.read::<u32>(blocks(p.count) + 1)?, values.read::<Rgb>(n)?);
+    let starts = starts.read::<u32>(blocks(p.count) + 1)?;
+    let values = values.read::<Rgb>(n)?;
     if !starts.is_sorted() {
         return Err(HostError::TooShort { binding: "starts", needed: n, found: 0 });
     }
@@ -48,10 +49,13 @@ pub(crate) fn compact(kernel: &Kernel, call: &mut HostCall) -> Result<(), HostEr
 pub(crate) fn product(kernel: &Kernel, call: &mut HostCall) -> Result<(), HostError> {
     let (p, bound) = call.parts::<SlotParams, 10>(kernel)?;
     let [lit_starts, lit, visible_starts, visible, red, green, blue, sqrt_area, light, irradiance] = bound;
-    let (n, slots) = (p.count as usize, p.slots as usize);
+    let n = p.count as usize;
+    let slots = p.slots as usize;
     let end = blocks(p.slots);
-    let (lit_count, seen) = (lit_starts.read::<u32>(end + 1)?[end], visible_starts.read::<u32>(end + 1)?[end]);
-    let (lit, visible) = (lit.read::<u32>(lit_count as usize)?, visible.read::<u32>(n)?);
+    let lit_count = lit_starts.read::<u32>(end + 1)?[end];
+    let seen = visible_starts.read::<u32>(end + 1)?[end];
+    let lit = lit.read::<u32>(lit_count as usize)?;
+    let visible = visible.read::<u32>(n)?;
     check("light", lit[..lit_count as usize].iter().max().copied(), slots)?;
     check("irradiance", visible[..n].iter().max().copied(), slots)?;
     let [red, green, blue] = [red.read::<f32>(slots * slots)?, green.read(slots * slots)?, blue.read(slots * slots)?];
@@ -69,7 +73,8 @@ pub(crate) fn product(kernel: &Kernel, call: &mut HostCall) -> Result<(), HostEr
 
 pub(crate) fn update(kernel: &Kernel, call: &mut HostCall) -> Result<(), HostError> {
     let (p, [vectors, columns, new_column, plane]) = call.parts::<UpdateParams, 4>(kernel)?;
-    let (n, slots) = (p.count as usize, p.slots as usize);
+    let n = p.count as usize;
+    let slots = p.slots as usize;
     if slots == 0 || !slots.is_multiple_of(4) || 4 * n > slots * slots {
         return Err(HostError::TooShort { binding: "plane", needed: 4 * n, found: slots * slots });
     }

@@ -107,7 +107,8 @@ pub(crate) fn blocks_gather_image(kernel: &Kernel, call: &mut HostCall) -> Resul
             let block = (y / BLOCK) as usize * columns + (x / BLOCK) as usize;
             let block = &words[block * size..(block + 1) * size];
             let at = |k: usize| block.get(k).map_or(0, |word| *word);
-            let (w, k) = (UVec4::new(at(0), at(1), at(2), at(3)), y % BLOCK * BLOCK + x % BLOCK);
+            let w = UVec4::new(at(0), at(1), at(2), at(3));
+            let k = y % BLOCK * BLOCK + x % BLOCK;
             match format {
                 ImageFormat::Bc3 => Bc3::texel(Bc3::parse(w), k),
                 ImageFormat::Bc6hUfloat => Bc6h::texel(Bc6h::parse(w), k),
@@ -126,7 +127,8 @@ pub(crate) fn multiply(kernel: &Kernel, call: &mut HostCall) -> Result<(), HostE
     let (p, [factors, albedo, operator, next]) = call.parts::<MultiplyParams, 4>(kernel)?;
     let tiles = p.tiles;
     let below = p.vectors as usize;
-    let (rows, inner) = ((p.row_tiles * TILE_ROWS) as usize, p.inner as usize);
+    let rows = (p.row_tiles * TILE_ROWS) as usize;
+    let inner = p.inner as usize;
     let factors = factors.read::<Vec4>(rows * below)?;
     let albedo = albedo.read::<Vec4>(p.first_inner as usize + inner)?;
     let operator = operator.read::<Vec4>(4 * inner * below)?;

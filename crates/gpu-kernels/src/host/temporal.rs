@@ -43,7 +43,8 @@ fn check(kernel: &Kernel, is_right: bool, binding: usize) -> Result<(), HostErro
 pub(crate) fn change(kernel: &Kernel, call: &mut HostCall) -> Result<(), HostError> {
     let (p, [source, albedo, irradiance, exitance, change]) = call.parts::<CountParams, 5>(kernel)?;
     let n = p.count as usize;
-    let (source, albedo) = (source.read::<Rgb>(n)?, albedo.read::<Rgb>(n)?);
+    let source = source.read::<Rgb>(n)?;
+    let albedo = albedo.read::<Rgb>(n)?;
     change_all(source, albedo, irradiance.read::<Rgb>(n)?, exitance.read::<Rgb>(n)?, change.write(n)?);
     Ok(())
 }
@@ -53,8 +54,10 @@ pub(crate) fn sample_lists(kernel: &Kernel, call: &mut HostCall) -> Result<(), H
     let n = p.rows as usize;
     check(kernel, p.samples > 0, 1)?;
     let (row_start, entries) = starts(row_start, n, p.first_entry)?;
-    let (columns, sums) = (columns.read::<u32>(column_words(entries, p.options))?, sums.read::<f32>(n)?);
-    let (exitance, change) = (exitance.read::<Rgb>(1)?, change.read::<Rgb>(1)?);
+    let columns = columns.read::<u32>(column_words(entries, p.options))?;
+    let sums = sums.read::<f32>(n)?;
+    let exitance = exitance.read::<Rgb>(1)?;
+    let change = change.read::<Rgb>(1)?;
     sample_lists_all(&p, row_start, columns, sums, exitance, change, irradiance.write(n)?);
     Ok(())
 }
@@ -72,7 +75,8 @@ pub(crate) fn sample_tables(kernel: &Kernel, call: &mut HostCall) -> Result<(), 
         colors: colors.read(color_words(entries, p.options))?,
         sums: sums.read(n)?,
     };
-    let (exitance, change) = (exitance.read::<Rgb>(1)?, change.read::<Rgb>(1)?);
+    let exitance = exitance.read::<Rgb>(1)?;
+    let change = change.read::<Rgb>(1)?;
     sample_tables_all(&p, &tables, exitance, change, irradiance.write(n)?);
     Ok(())
 }
@@ -82,7 +86,8 @@ pub(crate) fn sum_lists(kernel: &Kernel, call: &mut HostCall) -> Result<(), Host
     check(kernel, p.count <= p.rows && p.first < p.rows, 0)?;
     let n = p.rows as usize;
     let (row_start, entries) = starts(row_start, n, p.first_entry)?;
-    let (columns, sums) = (columns.read::<u32>(column_words(entries, p.options))?, sums.read::<f32>(n)?);
+    let columns = columns.read::<u32>(column_words(entries, p.options))?;
+    let sums = sums.read::<f32>(n)?;
     sum_lists_all(&p, row_start, columns, sums, exitance.read::<Rgb>(1)?, irradiance.write(n)?);
     Ok(())
 }

@@ -50,7 +50,8 @@ pub(crate) fn multiply_vt(kernel: &Kernel, call: &mut HostCall) -> Result<(), Ho
     let groups = &groups.read::<PackedGroup>(n)?[..n];
     let words = words.read::<u32>(words_of(groups))?;
     let blocks = groups.iter().map(|group| group.block() as usize + 1).max().unwrap_or(0);
-    let (vectors, light) = (GROUP_VECTORS as usize * n, light.read::<u32>(blocks * LIGHT_WORDS as usize)?);
+    let vectors = GROUP_VECTORS as usize * n;
+    let light = light.read::<u32>(blocks * LIGHT_WORDS as usize)?;
     let tables = VtTables { chroma_axes: p.chroma_axes, groups, words, scale: scale.read(vectors)? };
     multiply_vt_all(&tables, light, sums.write(vectors)?);
     Ok(())
@@ -116,7 +117,8 @@ pub(crate) fn dense_sparse(kernel: &Kernel, call: &mut HostCall) -> Result<(), H
 pub(crate) fn permute_out(kernel: &Kernel, call: &mut HostCall) -> Result<(), HostError> {
     let (p, [permuted_index, sqrt_area, rows, dense_sparse, irradiance]) = call.parts::<CountParams, 5>(kernel)?;
     let n = p.count as usize;
-    let (permuted_index, sqrt_area) = (&permuted_index.read::<u32>(n)?[..n], sqrt_area.read(n)?);
+    let permuted_index = &permuted_index.read::<u32>(n)?[..n];
+    let sqrt_area = sqrt_area.read(n)?;
     let blocks = named(permuted_index).div_ceil(TILE as usize);
     let rows = rows.read::<Rgb>(blocks * (SPLITS * TILE) as usize)?;
     permute_out_all(

@@ -63,10 +63,12 @@ impl RowSet {
 pub(crate) fn mark_pixels(kernel: &Kernel, call: &mut HostCall) -> Result<(), HostError> {
     let (p, [hits, points, triangles, grids, cells, vertices, marks]) = call.parts::<ViewParams, 7>(kernel)?;
     let n = p.count as usize;
-    let (hits, points) = (hits.read::<Hit>(n)?, points.read::<SurfacePoint>(n)?);
+    let hits = hits.read::<Hit>(n)?;
+    let points = points.read::<SurfacePoint>(n)?;
     let triangles = triangles.read::<Triangle>(1)?;
     let grids = grids.read::<TriangleGrid>(triangles.len())?;
-    let (cells, vertices) = (cells.read::<ReceiverCell>(0)?, vertices.read::<u32>(0)?);
+    let cells = cells.read::<ReceiverCell>(0)?;
+    let vertices = vertices.read::<u32>(0)?;
     let marks = marks.whole::<u32>()?;
     let rows = marks.len();
     let part = part_of(n);
@@ -124,7 +126,8 @@ pub(super) fn gather_view(
 ) -> Result<(), HostError> {
     let n = of.rows as usize;
     let marks = &marks.read::<u32>(n)?[..n];
-    let (computed, irradiance) = (computed.write::<u32>(n)?, irradiance.write::<Rgb>(n)?);
+    let computed = computed.write::<u32>(n)?;
+    let irradiance = irradiance.write::<Rgb>(n)?;
     let parts = computed.par_chunks_mut(PACK).zip(irradiance.par_chunks_mut(PACK)).zip(marks.par_chunks(PACK));
     parts.with_min_len(TOGETHER / PACK / 8).enumerate().for_each(|(pack, ((computed, irradiance), marks))| {
         // Most rows are out of view, and their neighbours with them.

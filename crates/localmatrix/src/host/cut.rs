@@ -83,7 +83,8 @@ impl Chooser<'_> {
         ranked.sort_unstable_by(|a, b| b.cmp(a));
         ranked.truncate(capacity);
         let mut count = ranked.len();
-        let (mut heap, mut chosen) = (BinaryHeap::from(ranked), Vec::new());
+        let mut heap = BinaryHeap::from(ranked);
+        let mut chosen = Vec::new();
         while let Some(Ranked(_, node)) = heap.pop() {
             let Node { first_child, children, .. } = self.nodes[node as usize];
             let mut family = first_child..first_child + children;
@@ -101,10 +102,14 @@ impl Chooser<'_> {
     /// Replacements that lead from the present cut to another one, `(finer, coarser, out)`: of one node by several, of
     /// several by one, and of nodes that go without others in their place; nodes that come without are in `finer`.
     pub fn replacements(&self, target: &[u32]) -> (Vec<Replacement>, Vec<Replacement>, Vec<u32>) {
-        let (mut finer, mut coarser, mut out) = (Vec::new(), Vec::new(), Vec::new());
-        let (mut i, mut j) = (0, 0);
+        let mut finer = Vec::new();
+        let mut coarser = Vec::new();
+        let mut out = Vec::new();
+        let mut i = 0;
+        let mut j = 0;
         while i < self.cut.len() || j < target.len() {
-            let (now, then) = (self.cut.get(i).copied(), target.get(j).copied());
+            let now = self.cut.get(i).copied();
+            let then = target.get(j).copied();
             match (now, then) {
                 (Some(now), Some(then)) if now == then => (i, j) = (i + 1, j + 1),
                 (Some(now), Some(then)) if self.forest.covers(now, then) => {

@@ -24,7 +24,8 @@ impl Forest {
         let count = nodes.len();
         let wrong = |node: usize, reason| Err(Error::Node { node: node as u32, reason });
         for (i, node) in nodes.iter().enumerate() {
-            let (first, end) = (node.first_child as usize, node.first_child as usize + node.children as usize);
+            let first = node.first_child as usize;
+            let end = node.first_child as usize + node.children as usize;
             if node.children > 0 && end > count {
                 return wrong(i, "its children are beyond the last node");
             }
@@ -45,7 +46,9 @@ impl Forest {
             }
         }
         let roots: Vec<u32> = (0..count as u32).filter(|&i| nodes[i as usize].parent == NO_NODE).collect();
-        let (mut runs, mut leaves, mut met) = (vec![[0; 2]; count], Vec::new(), 0);
+        let mut runs = vec![[0; 2]; count];
+        let mut leaves = Vec::new();
+        let mut met = 0;
         // Down to the children, and once more when they are done.
         let mut stack: Vec<(u32, bool)> = roots.iter().rev().map(|&root| (root, false)).collect();
         while let Some((i, is_done)) = stack.pop() {
@@ -91,7 +94,8 @@ impl Forest {
 
     /// Returns true if a node is another one, or an ancestor of it.
     pub fn covers(&self, node: u32, other: u32) -> bool {
-        let (a, b) = (self.run(node), self.run(other));
+        let a = self.run(node);
+        let b = self.run(other);
         a[0] <= b[0] && b[1] <= a[1]
     }
 

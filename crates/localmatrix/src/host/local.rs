@@ -234,7 +234,8 @@ impl Local {
 
     /// Slot of each leaf's node, or [`NO_NODE`], and of each slot the run of leaves, empty where it holds none.
     pub fn places(&self) -> (Vec<u32>, Vec<[u32; 2]>) {
-        let (mut slot_of, mut runs) = (vec![NO_NODE; self.leaf_area.len()], vec![[0; 2]; self.settings.slots]);
+        let mut slot_of = vec![NO_NODE; self.leaf_area.len()];
+        let mut runs = vec![[0; 2]; self.settings.slots];
         for (slot, node) in self.matrix.patches() {
             let run = self.forest.run(node);
             slot_of[run[0] as usize..run[1] as usize].fill(slot);
@@ -287,7 +288,8 @@ impl Local {
             (plain(finer), plain(coarser), out)
         };
         let mut changes = Changes { out, ..Changes::default() };
-        let (mut count, mut total) = (self.cut.len() - changes.out.len(), 0);
+        let mut count = self.cut.len() - changes.out.len();
+        let mut total = 0;
         let mut wanted = Vec::new();
         loop {
             while let Some(one) = finer.next_if(|one| !self.fetch(world, one, &mut changes, &mut wanted)) {
@@ -395,7 +397,9 @@ impl Local {
     pub fn apply(&mut self, world: &dyn World, changes: Changes) -> Result<Step, Error> {
         let before = self.matrix.work();
         let mut step = Step { waiting: changes.waiting, later: changes.later, lost: changes.lost, ..Step::default() };
-        let (enter, leave, out) = (&changes.enter, &changes.leave, &changes.out);
+        let enter = &changes.enter;
+        let leave = &changes.leave;
+        let out = &changes.out;
         let has_changes = !enter.is_empty() || !leave.is_empty();
         self.matrix.leave(out)?;
         self.ghosts.extend(out);
@@ -475,7 +479,8 @@ impl Local {
     /// # Errors
     /// As [`Self::apply`]; [`Error::Cancelled`].
     pub fn settle(&mut self, world: &mut dyn World, view: View, go_on: &dyn Fn(usize) -> bool) -> Result<Step, Error> {
-        let (mut whole, mut rounds) = (Step::default(), 0);
+        let mut whole = Step::default();
+        let mut rounds = 0;
         loop {
             if !go_on(self.rows.len().min(self.settings.slots)) {
                 return Err(Error::Cancelled);

@@ -177,7 +177,8 @@ impl LocalMatrix {
 
     /// Keeps a change: vectors by channel and place, and slots whose columns are as the matrix has them now.
     fn keep(&mut self, sign: f32, rank: usize, vectors: &[Mat<f32>], slots: &[usize]) {
-        let (m, state) = (self.slots(), &self.state);
+        let m = self.slots();
+        let state = &self.state;
         let Some(record) = &mut self.record else { return };
         let mut update = Update { sign, rank: rank as u32, ..Update::default() };
         update.vectors = vec![0.0; 3 * rank * m];
@@ -299,7 +300,8 @@ impl LocalMatrix {
     /// `D = F̂ + F̂ P T̂ − T̂`, `T̂ ← T̂ + D + T̂ P D`; how great it was, relative to the columns, the worst of the
     /// channels. As many columns as patches enter cost about twice as much as their border.
     pub fn refresh(&mut self, columns: usize) -> f32 {
-        let (n, slots) = (self.used, self.slots());
+        let n = self.used;
+        let slots = self.slots();
         let count = columns.min(n);
         let which: Vec<usize> = (0..count).map(|k| (self.next + k) % n).collect();
         self.next = if n > 0 { (self.next + count) % n } else { 0 };
@@ -386,7 +388,8 @@ impl LocalMatrix {
 
     /// Borders the matrix with new patches, for which there are free slots.
     fn border(&mut self, new: &[&Entering]) -> Result<(), Error> {
-        let (k, slots) = (new.len(), self.slots());
+        let k = new.len();
+        let slots = self.slots();
         if k == 0 {
             return Ok(());
         }
@@ -449,7 +452,9 @@ impl LocalMatrix {
     /// Takes what is in these slots out of the matrix; `T̂ ← T̂ − Y Yᵀ` with `Y = T̂_K P½ L⁻ᵀ` and `L Lᵀ = I + P½ T̂_KK
     /// P½`.
     fn take_away(&mut self, which: &[usize]) -> Result<(), Error> {
-        let (k, n, slots) = (which.len(), self.used, self.slots());
+        let k = which.len();
+        let n = self.used;
+        let slots = self.slots();
         if k == 0 {
             return Ok(());
         }
@@ -520,7 +525,9 @@ mod tests {
     /// n patches of 1 m² that all send each other f, of reflectance ρ: T = f / (1 − n ρ f) between any two.
     #[test]
     fn refreshing_takes_errors_out() {
-        let (n, f, rho) = (24usize, 0.04f32, 0.7f32);
+        let n = 24usize;
+        let f = 0.04f32;
+        let rho = 0.7f32;
         let factors: Vec<(u32, f32)> = (0..n as u32).map(|j| (j, f)).collect();
         let one = |patch| Entering { patch, area: 1.0, albedo: Vec3::splat(rho), factors: &factors };
         let mut matrix = LocalMatrix::new(n).unwrap();

@@ -120,7 +120,10 @@ impl World for Table {
 
 /// Several patches as one node, without parent and children.
 fn merged(surfaces: &[Surface], patches: &[u32]) -> Node {
-    let (mut centre, mut normal, mut albedo, mut area) = ([0.0f64; 3], [0.0f64; 3], [0.0f64; 3], 0.0f64);
+    let mut centre = [0.0f64; 3];
+    let mut normal = [0.0f64; 3];
+    let mut albedo = [0.0f64; 3];
+    let mut area = 0.0f64;
     for &patch in patches {
         let one = &surfaces[patch as usize];
         let weight = f64::from(one.area);
@@ -162,7 +165,8 @@ struct Visibility {
 /// Visibility of each patch.
 fn visibility(surfaces: &[Surface], factors: &Csr) -> Vec<Visibility> {
     let of = |i: usize| {
-        let (mut sum, mut occlusion) = (Vec3::ZERO, 0.0);
+        let mut sum = Vec3::ZERO;
+        let mut occlusion = 0.0;
         for (j, factor) in factors.row(i) {
             sum += surfaces[j].centre * factor;
             occlusion += factor;

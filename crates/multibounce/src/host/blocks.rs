@@ -297,7 +297,8 @@ impl BlockMatrix {
             .into());
         };
         let permuted_index = permuted_index as usize;
-        let (p, edge) = (self.params(0, 0), BLOCK as usize);
+        let p = self.params(0, 0);
+        let edge = BLOCK as usize;
         let mut ordered = vec![Vec3::ZERO; self.block_count() * edge];
         for (column, entries) in ordered.chunks_mut(edge).enumerate() {
             let words = self.block(permuted_index / edge * self.block_count() + column);

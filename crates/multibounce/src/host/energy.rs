@@ -52,7 +52,8 @@ pub(super) fn power(
     iterations: usize,
 ) -> Result<Vec3, Error> {
     let mut next = vec![Vec4::ZERO; light.len()];
-    let (mut radius, mut last) = (Vec3::ZERO, Vec3::ZERO);
+    let mut radius = Vec3::ZERO;
+    let mut last = Vec3::ZERO;
     for step in 0..iterations {
         operator.apply(&light, &mut next)?;
         // The light has length 1 after the first step.

@@ -73,12 +73,14 @@ impl Acceleration {
     /// # Errors
     /// [`transport::Error::Setting`] for eigenvalues that are not in order, or not below 1: light would grow.
     pub fn new(eigenvalues: RangeInclusive<f32>) -> Result<Self, Error> {
-        let (least, greatest) = (*eigenvalues.start(), *eigenvalues.end());
+        let least = *eigenvalues.start();
+        let greatest = *eigenvalues.end();
         if !(greatest < 1.0 && least <= greatest && least.is_finite()) {
             let rule = "in ascending order and below 1";
             return Err(transport::Error::Setting { name: "eigenvalues", value: f64::from(greatest), rule }.into());
         }
-        let (q, p) = (scene::math::sqrt(1.0 - least), scene::math::sqrt(1.0 - greatest));
+        let q = scene::math::sqrt(1.0 - least);
+        let p = scene::math::sqrt(1.0 - greatest);
         let rate = (q - p) / (q + p);
         Ok(Self { step: (2.0 / (q + p)) * (2.0 / (q + p)), momentum: rate * rate, rate })
     }

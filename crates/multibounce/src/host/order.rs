@@ -23,7 +23,8 @@ impl Features {
 
     /// Squared distance; eight sums side by side, so that the compiler takes vectors.
     fn distance(&self, a: usize, b: usize) -> f32 {
-        let (a, b) = (self.of(a), self.of(b));
+        let a = self.of(a);
+        let b = self.of(b);
         let mut sums = [0.0f32; 8];
         let mut pairs = a.chunks_exact(8).zip(b.chunks_exact(8));
         for (x, y) in &mut pairs {

@@ -224,7 +224,8 @@ pub fn invert(matrix: &mut Mat<f32>) -> Result<(), Error> {
         .map_err(|LltError::NonPositivePivot { index }| Error::Singular { patch: index })?;
     let mut inverse: Mat<f32> = Mat::zeros(n, n);
     invert_lower_triangular(inverse.as_mut(), matrix.as_ref(), parallel);
-    let (lower, upper) = (BlockStructure::TriangularLower, BlockStructure::TriangularUpper);
+    let lower = BlockStructure::TriangularLower;
+    let upper = BlockStructure::TriangularUpper;
     matmul(matrix.as_mut(), lower, Accum::Replace, inverse.transpose(), upper, inverse.as_ref(), lower, 1.0, parallel);
     mirror(matrix);
     Ok(())
@@ -280,7 +281,8 @@ pub fn some_bounces(
     if bounces == 0 {
         return Err(transport::Error::Setting { name: "bounces", value: 0.0, rule: "at least 1" }.into());
     }
-    let (mut sum, total) = (factors.clone(), bounces as usize - 1);
+    let mut sum = factors.clone();
+    let total = bounces as usize - 1;
     for done in 1..=total {
         let lit = Mat::from_fn(n, n, |i, j| albedo[i] * sum[(i, j)]);
         sum = factors.clone();

@@ -161,7 +161,8 @@ impl StoredOperator {
         let Some(permuted_index) = self.permuted_index.get(i).map(|&permuted_index| permuted_index as usize) else {
             return Err(transport::Error::Value { name: "patch", index: i, value: i as f64, rule: "a patch" }.into());
         };
-        let (block, at) = (permuted_index / SIDE, permuted_index % SIDE);
+        let block = permuted_index / SIDE;
+        let at = permuted_index % SIDE;
         for (other, patches) in self.order.chunks(SIDE).enumerate() {
             let tile = self.tile((block.min(other), block.max(other)))?;
             for (k, &patch) in patches.iter().enumerate() {

@@ -125,7 +125,10 @@ pub fn add_block(
     scale: Vec3,
     light: impl Fn(u32) -> Vec3,
 ) -> BlockSums {
-    let (mut a, mut b, mut c, mut d) = (Vec3::ZERO, Vec3::ZERO, Vec3::ZERO, Vec3::ZERO);
+    let mut a = Vec3::ZERO;
+    let mut b = Vec3::ZERO;
+    let mut c = Vec3::ZERO;
+    let mut d = Vec3::ZERO;
     for column in 0..BLOCK {
         let light = light(column);
         a += entry(texels(column), p) * light;

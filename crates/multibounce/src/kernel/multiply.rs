@@ -41,7 +41,10 @@ pub fn multiply(
     start: impl Fn(u32) -> Vec4,
 ) -> [Vec4; TILE_ROWS as usize] {
     let first = |r: u32| Four { a: start(r), b: start(r + 1), c: start(r + 2), d: start(r + 3) };
-    let (mut s, mut t, mut u, mut v) = (first(0), first(4), first(8), first(12));
+    let mut s = first(0);
+    let mut t = first(4);
+    let mut u = first(8);
+    let mut v = first(12);
     for k in 0..p.inner {
         let rho = albedo[(p.first_inner + k) as usize];
         let at = (4 * k * p.vectors + vector) as usize;

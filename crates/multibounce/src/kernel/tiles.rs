@@ -141,7 +141,8 @@ impl Lane {
     #[inline]
     fn of(words: &[u32], vector: TileVector, lane: u32) -> Self {
         let at = (vector.start * LANES + lane) as usize;
-        let (low, is_short) = (words[at], vector.is_short);
+        let low = words[at];
+        let is_short = vector.is_short;
         let high = if is_short { low >> 8u32 } else { words[at + LANES as usize] };
         Self { low, high, is_short }
     }
@@ -174,7 +175,8 @@ impl LanesX4 {
     #[inline]
     fn of(words: &[UVec4], vector: TileVector, x4: u32) -> Self {
         let at = (vector.start * U32X4S + x4) as usize;
-        let (low, is_short) = (words[at], vector.is_short);
+        let low = words[at];
+        let is_short = vector.is_short;
         let up = |word: u32| word >> 8u32;
         let high =
             if is_short { UVec4::new(up(low.x), up(low.y), up(low.z), up(low.w)) } else { words[at + U32X4S as usize] };
@@ -184,7 +186,9 @@ impl LanesX4 {
     /// [`Lane::word`] of the four.
     #[inline]
     fn words(self, part_pair: u32) -> UVec4 {
-        let (low, high, is_short) = (self.low, self.high, self.is_short);
+        let low = self.low;
+        let high = self.high;
+        let is_short = self.is_short;
         UVec4::new(
             elements(low.x, high.x, part_pair, is_short),
             elements(low.y, high.y, part_pair, is_short),
@@ -206,7 +210,8 @@ impl LanePair {
     #[inline]
     fn of(words: &[UVec2], vector: TileVector, lane_pair: u32) -> Self {
         let at = (vector.start * PAIRS + lane_pair) as usize;
-        let (low, is_short) = (words[at], vector.is_short);
+        let low = words[at];
+        let is_short = vector.is_short;
         let mut high = UVec2::new(low.x >> 8u32, low.y >> 8u32);
         if !is_short {
             high = words[at + PAIRS as usize];
@@ -247,7 +252,8 @@ fn last_of(word: u32, bias: i32) -> i32 {
 #[inline]
 pub fn element(words: &[u32], vector: TileVector, r: u32) -> i32 {
     let part = r / LANES;
-    let (word, bias) = (Lane::of(words, vector, r % LANES).word(part % PART_PAIRS), bias_of(vector.is_short));
+    let word = Lane::of(words, vector, r % LANES).word(part % PART_PAIRS);
+    let bias = bias_of(vector.is_short);
     if part < PART_PAIRS { first_of(word, bias) } else { last_of(word, bias) }
 }
 
@@ -356,7 +362,8 @@ fn add(sum: IVec3, word: u32, bias: i32, first: IVec3, second: IVec3) -> IVec3 {
 /// Adds the vectors of a packed group.
 #[inline]
 fn add_lane(sum: GroupSums, words: UVec4, bias: i32, both: UVec3) -> GroupSums {
-    let (first, second) = (low(both), high(both));
+    let first = low(both);
+    let second = high(both);
     GroupSums {
         a: add(sum.a, words.x, bias, first, second),
         b: add(sum.b, words.y, bias, first, second),
@@ -389,7 +396,10 @@ impl GroupWords {
 /// Adds what a packed group's vectors have in two parts of four lanes.
 #[inline]
 fn add_group(sum: GroupSums, own: GroupWords, part_pair: u32, bias: i32, light: (UVec4, UVec4, UVec4)) -> GroupSums {
-    let (a, b, c, d) = (own.a.words(part_pair), own.b.words(part_pair), own.c.words(part_pair), own.d.words(part_pair));
+    let a = own.a.words(part_pair);
+    let b = own.b.words(part_pair);
+    let c = own.c.words(part_pair);
+    let d = own.d.words(part_pair);
     let (red, green, blue) = light;
     let sum = add_lane(sum, UVec4::new(a.x, b.x, c.x, d.x), bias, UVec3::new(red.x, green.x, blue.x));
     let sum = add_lane(sum, UVec4::new(a.y, b.y, c.y, d.y), bias, UVec3::new(red.y, green.y, blue.y));
@@ -402,7 +412,8 @@ fn add_group(sum: GroupSums, own: GroupWords, part_pair: u32, bias: i32, light: 
 #[inline]
 pub fn groups_of(k: u32, runs: &[u32]) -> (u32, u32) {
     let run = (k / RUN_INVOCATIONS) as usize;
-    let (first, end) = (runs[run] + k % RUN_INVOCATIONS * INVOCATION_GROUPS, runs[run + 1]);
+    let first = runs[run] + k % RUN_INVOCATIONS * INVOCATION_GROUPS;
+    let end = runs[run + 1];
     if first + INVOCATION_GROUPS <= end {
         (first, INVOCATION_GROUPS)
     } else if first < end {
@@ -430,9 +441,14 @@ pub fn multiply_vt(
     let last = first + count - 1;
     let second = if count > 1 { first + 1 } else { last };
     let third = if count > 2 { first + 2 } else { last };
-    let (group, b, c, d) =
-        (groups[first as usize], groups[second as usize], groups[third as usize], groups[last as usize]);
-    let (mut p, mut q, mut r, mut s) = (GroupSums::ZERO, GroupSums::ZERO, GroupSums::ZERO, GroupSums::ZERO);
+    let group = groups[first as usize];
+    let b = groups[second as usize];
+    let c = groups[third as usize];
+    let d = groups[last as usize];
+    let mut p = GroupSums::ZERO;
+    let mut q = GroupSums::ZERO;
+    let mut r = GroupSums::ZERO;
+    let mut s = GroupSums::ZERO;
     let bias = bias_of(group.is_short());
     for x4 in 0..U32X4S {
         let one = GroupWords::of(words, group, x4);
@@ -452,8 +468,10 @@ pub fn multiply_vt(
     let steps = steps_at(light, group.block() * (LIGHT_WORDS / 4) + 3 * CHANNEL_WORDS / 4);
     // Steps are powers of two: nothing is rounded.
     let steps = steps * chroma_weights(group.color(), chroma_axes);
-    let (x, y) = (scale[first as usize], scale[second as usize]);
-    let (z, w) = (scale[third as usize], scale[last as usize]);
+    let x = scale[first as usize];
+    let y = scale[second as usize];
+    let z = scale[third as usize];
+    let w = scale[last as usize];
     let color = group.color();
     [
         masked(p.a.as_vec3() * steps * x.x, color).extend(0.0),
@@ -487,7 +505,8 @@ fn factor(other: u32, sums: &[Vec4]) -> Vec3 {
 /// indices, `sums[groups · GROUP_VECTORS]`; `factors[n · FACTOR_WORDS / 4]`. Needs `k < n`.
 #[inline]
 pub fn requantise(k: u32, runs: &[u32], paired: &[UVec4], sums: &[Vec4], factors: &mut [UVec4]) {
-    let (first, end) = (runs[k as usize], runs[k as usize + 1]);
+    let first = runs[k as usize];
+    let end = runs[k as usize + 1];
     let mut most = Vec3::ZERO;
     for group in first..end {
         let other = paired[group as usize];
@@ -499,7 +518,8 @@ pub fn requantise(k: u32, runs: &[u32], paired: &[UVec4], sums: &[Vec4], factors
     let at = (k * (FACTOR_WORDS / 4)) as usize;
     for j in 0..RUN_GROUPS {
         let group = first + j;
-        let (mut one, mut other) = (UVec3::ZERO, UVec3::ZERO);
+        let mut one = UVec3::ZERO;
+        let mut other = UVec3::ZERO;
         if group < end {
             let other_of = paired[group as usize];
             one = i16x2(factor(other_of.x, sums), factor(other_of.y, sums), inverses);
@@ -557,8 +577,14 @@ fn add_scaled(rows: Eight<Vec3>, sum: Eight<IVec3>, step: Vec3) -> Eight<Vec3> {
 #[inline]
 fn add_parts(sum: Eight<IVec3>, one: Lane, other: Lane, y: IVec3, z: IVec3) -> Eight<IVec3> {
     let bias = bias_of(one.is_short);
-    let (i, j, k, l) = (one.word(0), one.word(1), one.word(2), one.word(3));
-    let (m, n, o, p) = (other.word(0), other.word(1), other.word(2), other.word(3));
+    let i = one.word(0);
+    let j = one.word(1);
+    let k = one.word(2);
+    let l = one.word(3);
+    let m = other.word(0);
+    let n = other.word(1);
+    let o = other.word(2);
+    let p = other.word(3);
     Eight {
         a: sum.a + y * first_of(i, bias) + z * first_of(m, bias),
         b: sum.b + y * first_of(j, bias) + z * first_of(n, bias),
@@ -585,17 +611,23 @@ pub fn multiply_u(
     words: &[UVec2],
     factors: &[UVec4],
 ) -> [Vec4; 2 * PARTS as usize] {
-    let (lane_pair, split, block) = (k % PAIRS, k / PAIRS % SPLITS, k / (PAIRS * SPLITS));
+    let lane_pair = k % PAIRS;
+    let split = k / PAIRS % SPLITS;
+    let block = k / (PAIRS * SPLITS);
     let (first, end) = split_of(split, run_start[block as usize], run_start[block as usize + 1]);
-    let (mut rows, mut others) = (Eight::splat(Vec3::ZERO), Eight::splat(Vec3::ZERO));
+    let mut rows = Eight::splat(Vec3::ZERO);
+    let mut others = Eight::splat(Vec3::ZERO);
     for run in first..end {
-        let (mut sum, mut rest) = (Eight::splat(IVec3::ZERO), Eight::splat(IVec3::ZERO));
+        let mut sum = Eight::splat(IVec3::ZERO);
+        let mut rest = Eight::splat(IVec3::ZERO);
         // Packed groups of a run have equal channels and bits, and their words follow one another.
-        let (first, end) = (runs[run as usize], runs[run as usize + 1]);
+        let first = runs[run as usize];
+        let end = runs[run as usize + 1];
         let group = groups[first as usize];
         for vector_pair in 0..GROUP_VECTORS / 2 * (end - first) {
             let both = factors[(run * (FACTOR_WORDS / 4) + vector_pair) as usize].truncate();
-            let (y, z) = (low(both), high(both));
+            let y = low(both);
+            let z = high(both);
             let one = LanePair::of(words, group.vector(2 * vector_pair), lane_pair);
             let other = LanePair::of(words, group.vector(2 * vector_pair + 1), lane_pair);
             sum = add_parts(sum, one.first(), other.first(), y, z);

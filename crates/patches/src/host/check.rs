@@ -17,7 +17,8 @@ impl PatchMesh {
     /// # Errors
     /// [`Error::Shared`] naming the first table that does not fit.
     pub fn check(&self, triangles: usize) -> Result<(), Error> {
-        let (patches, elements) = (self.patches.len(), self.elements.len());
+        let patches = self.patches.len();
+        let elements = self.elements.len();
         check_length("albedo", patches, self.albedo.len())?;
         check_offsets("patch_elements", patches, elements, &self.patch_elements)?;
         check_length("element_albedo", elements, self.element_albedo.len())?;

@@ -107,7 +107,8 @@ impl<'a, R: Fn(&[Member], &[Member]) -> f32> Merging<'a, R> {
 
     /// The metric, or infinity when it is not below `best` or the clusters may not be merged.
     fn distance_below(&self, i: usize, j: usize, best: f64) -> Result<f64, Error> {
-        let (a, b) = (&self.clusters[i], &self.clusters[j]);
+        let a = &self.clusters[i];
+        let b = &self.clusters[j];
         let cosine = a.normal.dot(b.normal);
         let base = (1.0 + a.centre.distance(b.centre) / self.unit) * (2.0 - cosine);
         if cosine < 0.0 || base >= best || !agree(self.samples, &a.group, &b.group) {
@@ -122,7 +123,8 @@ impl<'a, R: Fn(&[Member], &[Member]) -> f32> Merging<'a, R> {
     }
 
     fn find_nearest(&mut self, i: usize) -> Result<(), Error> {
-        let (mut nearest, mut best) = (usize::MAX, f64::INFINITY);
+        let mut nearest = usize::MAX;
+        let mut best = f64::INFINITY;
         for j in 0..self.clusters.len() {
             if j != i {
                 let d = self.distance_below(i, j, best)?;
@@ -176,7 +178,8 @@ impl<'a, R: Fn(&[Member], &[Member]) -> f32> Merging<'a, R> {
 
 impl Cluster {
     fn new(group: Group) -> Self {
-        let (centre, normal) = (group.centre(), group.mean_normal());
+        let centre = group.centre();
+        let normal = group.mean_normal();
         Self { group, centre, normal, nearest: usize::MAX, distance: f64::INFINITY }
     }
 }

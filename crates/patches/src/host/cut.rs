@@ -124,7 +124,8 @@ impl Cutter<'_> {
         });
         let mut ends: Vec<DVec3> = Vec::with_capacity(4);
         for k in 0..3 {
-            let (a, b) = (height[k], height[(k + 1) % 3]);
+            let a = height[k];
+            let b = height[(k + 1) % 3];
             if a == 0.0 {
                 ends.push(other[k] - normal * (other[k] - origin).dot(normal));
             }
@@ -154,7 +155,8 @@ impl Cutter<'_> {
         let [mut left, mut right] = [Vec::new(), Vec::new()];
         let mut border = Vec::new();
         for k in 0..fragment.len() {
-            let (next, a) = ((k + 1) % fragment.len(), side[k]);
+            let next = (k + 1) % fragment.len();
+            let a = side[k];
             if a >= 0.0 {
                 left.push(fragment[k]);
             }
@@ -172,7 +174,8 @@ impl Cutter<'_> {
             }
         }
         // How much of the foot lies between the ends of the cut.
-        let (mut from, mut to) = (f64::INFINITY, f64::NEG_INFINITY);
+        let mut from = f64::INFINITY;
+        let mut to = f64::NEG_INFINITY;
         for point in &border {
             let place = (point - foot[0]).dot(along);
             (from, to) = (from.min(place), to.max(place));
@@ -199,7 +202,8 @@ fn overlapping(nodes: &[BvhNode], low: DVec3, high: DVec3, found: &mut impl FnMu
 
 /// Adds a fragment of a triangle as triangles, from the corner that gives the widest ones.
 fn add_fragment(scene: &Scene, triangle: usize, fragment: &Fragment, parts: &mut SceneParts) {
-    let (whole, uv) = (scene.geometry.triangles[triangle], scene.geometry.uvs[triangle]);
+    let whole = scene.geometry.triangles[triangle];
+    let uv = scene.geometry.uvs[triangle];
     let count = fragment.len();
     let area = |a: DVec3, b: DVec3, c: DVec3| (b - a).cross(c - a).length();
     let fan = |first: usize| (1..count - 1).map(move |k| [first, (first + k) % count, (first + k + 1) % count]);

@@ -75,7 +75,8 @@ impl Focus {
     /// each axis; [`Focus::Auto`] where nothing is seen.
     pub fn seen_from(scene: &Scene, eyes: &[Vec3]) -> Self {
         let ray = |k: u32| {
-            let (eye, ray) = (k / EYE_RAYS, k % EYE_RAYS);
+            let eye = k / EYE_RAYS;
+            let ray = k % EYE_RAYS;
             // Fibonacci's lattice on the sphere.
             let height = 1.0 - (2.0 * ray as f32 + 1.0) / EYE_RAYS as f32;
             let (sin, cos) = scene::math::sin_cos_2pi((ray as f32 * 0.618_034).fract());

@@ -85,7 +85,8 @@ impl Grid {
         }
         // Keys are distinct, so the order does not depend on who found what first.
         clipped.par_sort_unstable_by_key(|&(key, _)| key);
-        let (mut occupied, mut offsets) = (Vec::new(), Vec::new());
+        let mut occupied = Vec::new();
+        let mut offsets = Vec::new();
         for (index, &(key, _)) in clipped.iter().enumerate() {
             let voxel = (key >> 32) as u32;
             if occupied.last() != Some(&voxel) {
@@ -118,7 +119,8 @@ impl Grid {
         let extent = scene.geometry.bounds.1 - scene.geometry.bounds.0;
         let longest = f64::from((extent / proportions).max_element());
         // Surfaces fill voxels about as edge⁻²; the bracket is in edges, in which the count falls.
-        let (mut small, mut large) = (longest * 1e-5, longest * 2.0);
+        let mut small = longest * 1e-5;
+        let mut large = longest * 2.0;
         let area: f64 = scene.geometry.triangles.iter().map(|t| Polygon::of_triangle(t).area()).sum();
         let mut edge = (3.0 * area / target as f64).sqrt().clamp(small, large);
         let mut best: Option<(f64, Self)> = None;
@@ -207,7 +209,8 @@ fn shape(scene: &Scene, edges: Vec3) -> Result<GridShape, Error> {
             return Err(Error::Setting { name, value: f64::from(edge), rule: "positive and finite" });
         }
     }
-    let (low, high) = (scene.geometry.bounds.0.as_dvec3(), scene.geometry.bounds.1.as_dvec3());
+    let low = scene.geometry.bounds.0.as_dvec3();
+    let high = scene.geometry.bounds.1.as_dvec3();
     let e = edges.as_dvec3();
     let counts = ((high - low) / e + 2.0 * MARGIN).ceil().max(DVec3::ONE);
     let found = counts.x * counts.y * counts.z;

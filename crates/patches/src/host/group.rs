@@ -70,7 +70,8 @@ pub(super) fn merge_slivers(groups: &mut Vec<Group>, may_merge: impl Fn(&Group, 
     let mut order: Vec<usize> = (0..groups.len()).filter(|&k| groups[k].area < least).collect();
     order.sort_by(|&a, &b| groups[a].area.total_cmp(&groups[b].area));
     for sliver in order {
-        let (centre, normal) = (groups[sliver].centre(), groups[sliver].mean_normal());
+        let centre = groups[sliver].centre();
+        let normal = groups[sliver].mean_normal();
         let mut nearest = None;
         let mut distance = f64::INFINITY;
         for (k, group) in groups.iter().enumerate() {
@@ -96,7 +97,9 @@ pub(super) fn patches_of(grid: &Grid, set: SampleSet, voxels: Vec<Vec<Group>>) -
     if count > u32::MAX as usize {
         return Err(Error::TooMany { name: "members of patches", found: count as u64, limit: u64::from(u32::MAX) });
     }
-    let (mut numbers, mut offsets, mut members) = (Vec::new(), alloc::vec![0], Vec::with_capacity(count));
+    let mut numbers = Vec::new();
+    let mut offsets = alloc::vec![0];
+    let mut members = Vec::with_capacity(count);
     for (slot, groups) in voxels.into_iter().enumerate() {
         for group in groups {
             numbers.push(grid.occupied[slot]);

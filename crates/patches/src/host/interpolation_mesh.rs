@@ -163,7 +163,8 @@ impl InterpolationMesh {
                     }
                     let beside = [(1, 0), (-1, 0), (0, 1), (0, -1), (1, -1), (-1, 1)];
                     let found = beside.iter().find_map(|&(di, dj)| {
-                        let (x, y) = (i.checked_add_signed(di)?, j.checked_add_signed(dj)?);
+                        let x = i.checked_add_signed(di)?;
+                        let y = j.checked_add_signed(dj)?;
                         (x + y <= n && good[before[at(x, y)] as usize]).then(|| before[at(x, y)])
                     });
                     if let Some(receiver) = found {

@@ -116,7 +116,8 @@ impl LightmapTexels {
         if !(texel.is_finite() && texel > 0.0) {
             return Err(Error::Setting { name: "texel", value: f64::from(texel), rule: "positive and finite" });
         }
-        let (mut surface, mut atlas) = (0.0f64, 0.0f64);
+        let mut surface = 0.0f64;
+        let mut atlas = 0.0f64;
         for (t, uv) in scene.geometry.triangles.iter().zip(uvs) {
             let Some(uv) = uv else { continue };
             surface += f64::from(t.edge_a.cross(t.edge_b).length());
@@ -176,7 +177,8 @@ impl LightmapTexels {
     /// that is so wide: light that changes within a texel, as at the edge of a shadow, is better told by their mean.
     /// `None` beyond the receivers.
     pub fn taps(&self, scene: &Scene, receiver: usize) -> Option<[SurfacePoint; 4]> {
-        let (place, point) = (self.places.get(receiver)?, self.points.get(receiver)?);
+        let place = self.places.get(receiver)?;
+        let point = self.points.get(receiver)?;
         let triangle = scene.geometry.triangles.get(place.triangle as usize)?;
         let along = triangle.edge_a.normalize_or_zero();
         let across = scene.tables().normal(place.triangle).cross(along);
@@ -243,16 +245,19 @@ impl Chart {
         texel: f32,
         is_lit: &(impl Fn(&SurfacePoint) -> bool + Sync),
     ) -> Option<Filled> {
-        let (width, height) = (self.size.x as u32, self.size.y as u32);
+        let width = self.size.x as u32;
+        let height = self.size.y as u32;
         let covered = self.cover(width, height, texel);
         let mut texels = alloc::vec![NONE; covered.len()];
-        let (mut points, mut places) = (Vec::new(), Vec::new());
+        let mut points = Vec::new();
+        let mut places = Vec::new();
         for (entry, covered) in texels.iter_mut().zip(covered) {
             let Some((_, place, part)) = covered else { continue };
             // On the triangle itself: the chart is flat, and it need not be.
             let [a, b, c] = part.corners;
             let double = (b - a).perp_dot(c - a);
-            let (u, v) = ((place - a).perp_dot(c - a) / double, (b - a).perp_dot(place - a) / double);
+            let u = (place - a).perp_dot(c - a) / double;
+            let v = (b - a).perp_dot(place - a) / double;
             let position = geometry.position(part.triangle, u, v);
             let normal = geometry.normal(part.triangle);
             let normal = if part.front { normal } else { -normal };
@@ -304,14 +309,16 @@ fn nearest_place(corners: [Vec2; 3], place: Vec2, inset: f32) -> Vec2 {
     let corners = corners.map(|p| p.lerp(middle, share));
     let orientation = (corners[1] - corners[0]).perp_dot(corners[2] - corners[0]).signum();
     let is_inside = (0..3).all(|k| {
-        let (p, q) = (corners[k], corners[(k + 1) % 3]);
+        let p = corners[k];
+        let q = corners[(k + 1) % 3];
         (q - p).perp_dot(place - p) * orientation >= 0.0
     });
     if is_inside {
         return place;
     }
     let on_edge = (0..3).map(|k| {
-        let (p, q) = (corners[k], corners[(k + 1) % 3]);
+        let p = corners[k];
+        let q = corners[(k + 1) % 3];
         let way = q - p;
         let squared = way.length_squared();
         p + way * if squared > 0.0 { ((place - p).dot(way) / squared).clamp(0.0, 1.0) } else { 0.0 }
@@ -326,7 +333,8 @@ fn dilate(texels: &mut [u32], width: u32, height: u32) {
     while !front.is_empty() {
         let mut next = Vec::new();
         for &k in &front {
-            let (x, y) = (k % width, k / width);
+            let x = k % width;
+            let y = k / width;
             for row in y.saturating_sub(1)..=(y + 1).min(height - 1) {
                 for column in x.saturating_sub(1)..=(x + 1).min(width - 1) {
                     let there = column + width * row;
@@ -357,7 +365,9 @@ fn pack(sizes: &[[u32; 2]]) -> Result<(LightmapParams, Vec<[u32; 2]>), Error> {
     let mut width = widest.max((area.sqrt().min(f64::from(LIGHTMAP_LIMIT))) as u32).min(LIGHTMAP_LIMIT);
     loop {
         let mut places = alloc::vec![[0; 2]; sizes.len()];
-        let (mut x, mut y, mut shelf) = (0, 0u64, 0);
+        let mut x = 0;
+        let mut y = 0u64;
+        let mut shelf = 0;
         for &k in &order {
             let [w, h] = sizes[k];
             if x + w > width {

@@ -285,7 +285,8 @@ fn light_majorities(
 
 /// Returns true if there are some that are lit, and no more that are not.
 fn is_majority(lit: impl Iterator<Item = bool>) -> bool {
-    let (mut bright, mut dark) = (0, 0);
+    let mut bright = 0;
+    let mut dark = 0;
     lit.for_each(|lit| if lit { bright += 1 } else { dark += 1 });
     bright > 0 && bright >= dark
 }
@@ -310,7 +311,9 @@ fn even_samples(scene: &Scene, density: &Density, count: u32, seed: u32) -> Vec<
         |(t, &share): (&Triangle, &f32)| 0.5 * f64::from(t.edge_a.cross(t.edge_b).length()) * f64::from(share);
     let areas: Vec<f64> = triangles.iter().zip(&shares).map(counted).collect();
     let area = 2.0 * areas.iter().sum::<f64>() / f64::from(count);
-    let (mut samples, mut sum, mut next) = (Vec::with_capacity(count as usize), 0.0, 0u32);
+    let mut samples = Vec::with_capacity(count as usize);
+    let mut sum = 0.0;
+    let mut next = 0u32;
     let place = |k: u32| area * (f64::from(k) + f64::from(unit(hash3(k, 0x7374_6570, seed))));
     for side in 0..2 {
         for (triangle, &own) in areas.iter().enumerate() {

@@ -107,7 +107,8 @@ impl Lookup {
         let values = count + usize::from(!separate.is_empty());
         order.extend(separate.iter().map(|&d| (dark(d as usize).voxel, count as u32 + d)));
         order.sort_unstable();
-        let (mut cells, mut offsets) = (alloc::vec![u32::MAX; voxels], Vec::new());
+        let mut cells = alloc::vec![u32::MAX; voxels];
+        let mut offsets = Vec::new();
         let mut entries = Vec::with_capacity(order.len());
         let mut full = Vec::new();
         for &(voxel, k) in &order {
@@ -118,7 +119,8 @@ impl Lookup {
                 offsets.push(entries.len() as u32);
             }
             let of = (k as usize).checked_sub(count).map_or_else(|| patch(k as usize), &dark);
-            let (position, direction) = (of.position, of.normal);
+            let position = of.position;
+            let direction = of.normal;
             entries.push(LookupPatch { position, patch: k.min(count as u32), direction, reserved: 0 });
         }
         offsets.push(entries.len() as u32);
@@ -173,14 +175,16 @@ fn has_like(
     limit: f32,
 ) -> bool {
     let own = shape.coordinates(dark.voxel);
-    let (low, high) = (own.saturating_sub(UVec3::ONE), (own + UVec3::ONE).min(shape.counts() - UVec3::ONE));
+    let low = own.saturating_sub(UVec3::ONE);
+    let high = (own + UVec3::ONE).min(shape.counts() - UVec3::ONE);
     let is_like = |other: VirtualPatch| {
         let off = ((other.position - dark.position) / shape.edges).dot(dark.normal).abs();
         other.normal.dot(dark.normal) > LIKE_COSINE && off < limit
     };
     (low.z..=high.z).any(|z| {
         (low.y..=high.y).any(|y| {
-            let (from, to) = (shape.voxel_at(UVec3::new(low.x, y, z)), shape.voxel_at(UVec3::new(high.x, y, z)));
+            let from = shape.voxel_at(UVec3::new(low.x, y, z));
+            let to = shape.voxel_at(UVec3::new(high.x, y, z));
             let first = order.partition_point(|o| o.0 < from);
             order[first..].iter().take_while(|o| o.0 <= to).any(|o| is_like(patch(o.1 as usize)))
         })
@@ -189,13 +193,16 @@ fn has_like(
 
 /// Gives each empty voxel the nearest one with patches, counted in steps along the axes; of several the first.
 pub(super) fn fill_empty(cells: &mut [u32], full: Vec<u32>, counts: UVec3) {
-    let (row, layer) = (counts.x, counts.x * counts.y);
+    let row = counts.x;
+    let layer = counts.x * counts.y;
     let mut front = full;
     while !front.is_empty() {
         let mut next = Vec::new();
         for &voxel in &front {
             let source = cells[voxel as usize] | EMPTY_CELL;
-            let (x, y, z) = (voxel % row, voxel / row % counts.y, voxel / layer);
+            let x = voxel % row;
+            let y = voxel / row % counts.y;
+            let z = voxel / layer;
             let mut reach = |inside: bool, neighbour: u32| {
                 if inside && cells[neighbour as usize] == u32::MAX {
                     cells[neighbour as usize] = source;

@@ -137,7 +137,9 @@ impl Level {
         // Distance of the place from the cells at this step along an axis, in cells.
         let gap = |step: i32, within: f32| if step > 0 { step as f32 - within } else { within - (step + 1) as f32 };
         let gaps = |axis: f32| move |step: i32| if step == 0 { 0.0 } else { gap(step, axis) };
-        let (gap_x, gap_y, gap_z) = (gaps(within.x), gaps(within.y), gaps(within.z));
+        let gap_x = gaps(within.x);
+        let gap_y = gaps(within.y);
+        let gap_z = gaps(within.z);
         // Half of a cell's extent along the normal.
         let half = 0.5 * normal.abs().element_sum();
         let nearest_side = within.min(Vec3::ONE - within).min_element();
@@ -173,7 +175,8 @@ impl Level {
                         for k in starts[cell] as usize..starts[cell + 1] as usize {
                             let (there, its) = self.places[k];
                             let rotation = NORMAL_EDGES * NORMAL_EDGES * normal.distance_squared(its);
-                            let (way, off) = (there - position, normal.dot(there - position));
+                            let way = there - position;
+                            let off = normal.dot(there - position);
                             let squared = (way.length_squared() + OFFSET * off * off) * edges * edges + rotation;
                             if squared < best[last].1 {
                                 found = (found + 1).min(best.len());

@@ -128,7 +128,10 @@ impl PatchSet {
 
 /// The patch of one group; converts the members' weights to shares of its area.
 fn mean_patch(samples: &[Sample], members: &mut [Member], voxel: u32) -> VirtualPatch {
-    let (mut area, mut position, mut normal, mut albedo) = (0.0, DVec3::ZERO, DVec3::ZERO, DVec3::ZERO);
+    let mut area = 0.0;
+    let mut position = DVec3::ZERO;
+    let mut normal = DVec3::ZERO;
+    let mut albedo = DVec3::ZERO;
     for member in members.iter() {
         let sample = &samples[member.sample as usize];
         let a = f64::from(member.weight) * f64::from(sample.area);

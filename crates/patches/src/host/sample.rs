@@ -141,7 +141,8 @@ pub fn sample_voxels_by(
                 return Err(Error::TooMany { name: "samples", found, limit: u64::from(NONE) - 1 });
             }
             set.offsets.push(found as u32);
-            let (sum, r) = (&mut set.report, voxel.report);
+            let sum = &mut set.report;
+            let r = voxel.report;
             sum.rays += r.rays;
             sum.refused += r.refused;
             sum.forced += r.forced;
@@ -306,8 +307,10 @@ impl<'a> Voxel<'a> {
         let reach = low.abs().max(high.abs()).max_element();
         let mut met = Vec::new();
         for face in 0..6u32 {
-            let (axis, downwards) = ((face / 2) as usize, face % 2 == 1);
-            let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);
+            let axis = (face / 2) as usize;
+            let downwards = face % 2 == 1;
+            let u = (axis + 1) % 3;
+            let v = (axis + 2) % 3;
             let step = (1e-5 * edges[axis]).max(1e-6 * reach);
             let mut direction = Vec3::ZERO;
             direction[axis] = if downwards { -1.0 } else { 1.0 };
@@ -321,7 +324,8 @@ impl<'a> Voxel<'a> {
                 origin[v] += y * edges[v];
                 origin[axis] = if downwards { high[axis] + step } else { low[axis] - step };
                 let mut rest = edges[axis] + 2.0 * step;
-                let (mut last, mut layer) = (NONE, 0);
+                let mut last = NONE;
+                let mut layer = 0;
                 while layer < settings.layers && rest > 0.0 {
                     let hit = self.scene.closest_before(origin, direction, rest);
                     if hit.is_miss() {
@@ -366,7 +370,8 @@ impl<'a> Voxel<'a> {
 
     /// Gives the area of a triangle that no ray met to samples of the voxel, or makes samples of it.
     fn donate(&mut self, clipped: usize, counts: &[[u32; 2]]) {
-        let (triangle, area) = (self.triangles[clipped], self.areas[clipped]);
+        let triangle = self.triangles[clipped];
+        let area = self.areas[clipped];
         let centre = self.grid.clipped_triangle(self.scene, self.number, triangle).centroid().as_vec3();
         let normal = self.scene.tables().normal(triangle);
         let Some(neighbour) = nearest(&self.met, centre, |m| m.sample.normal.dot(normal) != 0.0) else {

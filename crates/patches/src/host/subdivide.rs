@@ -116,7 +116,8 @@ pub fn divisions_for_count(scene: &Scene, sides: &[Sides], density: &Density, co
     let counted = |t: usize| triangle_area(scene, t) * density.triangle_share(&scene.geometry.triangles[t]);
     let areas: Vec<f32> = (0..sides.len()).map(counted).collect();
     let total: f64 = areas.iter().map(|&area| f64::from(area)).sum();
-    let (mut low, mut high) = (ln(total * 1e-12), ln(total * 4.0));
+    let mut low = ln(total * 1e-12);
+    let mut high = ln(total * 4.0);
     for _ in 0..60 {
         let middle = 0.5 * (low + high);
         if total_cells(sides, &divisions_of(&areas, exp(middle) as f32)) > u64::from(count) {
@@ -126,7 +127,8 @@ pub fn divisions_for_count(scene: &Scene, sides: &[Sides], density: &Density, co
         }
     }
     // Both ends of the bracket: take the count that is nearer.
-    let (fine, coarse) = (divisions_of(&areas, exp(low) as f32), divisions_of(&areas, exp(high) as f32));
+    let fine = divisions_of(&areas, exp(low) as f32);
+    let coarse = divisions_of(&areas, exp(high) as f32);
     let miss = |d: &[u32]| total_cells(sides, d).abs_diff(u64::from(count));
     Ok(if miss(&fine) < miss(&coarse) { fine } else { coarse })
 }
@@ -171,7 +173,8 @@ pub fn divisions_for_gradient(
 
 /// Greatest difference of a function between neighbouring vertices of a grid.
 fn largest_step(n: u32, value: impl Fn(u32, u32) -> f32) -> f32 {
-    let (mut below, mut worst) = (Vec::new(), 0.0f32);
+    let mut below = Vec::new();
+    let mut worst = 0.0f32;
     for j in 0..=n {
         let row: Vec<f32> = (0..=n - j).map(|i| value(i, j)).collect();
         for pair in row.windows(2) {

@@ -141,7 +141,9 @@ fn see(scene: &Scene, samples: &[Sample], density: &Density, edge: f32, seed: u3
             let key = |dimension: u32| hash3(index as u32, dimension, seed ^ 0x7365_6573);
             let origin = sample.position + sample.normal * scene.geometry.ray_offset;
             let edge = edge * density.edge(sample.position);
-            let (mut near, mut far, mut sky) = (0u32, 0u32, 0u32);
+            let mut near = 0u32;
+            let mut far = 0u32;
+            let mut sky = 0u32;
             for k in 0..RAYS {
                 let direction = cosine_hemisphere(sample.normal, hammersley(k, RAYS, (key(0), key(1))));
                 let hit = scene.closest_before(origin, direction, f32::INFINITY);
@@ -234,7 +236,9 @@ struct Node {
 
 impl Set<'_> {
     fn node(&self, start: usize, end: usize, order: &[u32]) -> Node {
-        let (mut area, mut sum, mut squares) = (0.0f64, [0.0f64; FEATURES], [0.0f64; FEATURES]);
+        let mut area = 0.0f64;
+        let mut sum = [0.0f64; FEATURES];
+        let mut squares = [0.0f64; FEATURES];
         for &k in &order[start..end] {
             let a = f64::from(self.counted_area);
             area += a;

@@ -220,7 +220,8 @@ fn counts(extent: DVec3, edge: f64) -> DVec3 {
 /// The edge with which about so many voxels fill the bounds: bisection.
 fn edge_for(scene: &Scene, count: u32) -> f32 {
     let extent = (scene.geometry.bounds.1 - scene.geometry.bounds.0).as_dvec3();
-    let (mut small, mut large) = (extent.max_element() * 1e-7, extent.max_element());
+    let mut small = extent.max_element() * 1e-7;
+    let mut large = extent.max_element();
     for _ in 0..60 {
         let edge = (small * large).sqrt();
         if counts(extent, edge).element_product() > f64::from(count) {

@@ -104,7 +104,8 @@ impl PackedWeights {
         transport::check_indices("lists", receivers, false, &self.lists)?;
         for (k, pair) in self.row_start.windows(2).enumerate() {
             let block = k / self.block_rows as usize;
-            let (start, end) = (first_of(pair[0]), first_of(pair[1]));
+            let start = first_of(pair[0]);
+            let end = first_of(pair[1]);
             let tail = 2 * (pair[0] & ((1 << ROTATED_BITS) - 1));
             transport::check_setting("rotated", f64::from(tail), "within its row", tail <= end - start)?;
             let rotated = end - tail;

@@ -12,7 +12,8 @@ use crate::types::LightmapParams;
 /// Shapes: `texels[width · height]`, the receiver of each or [`NONE`]; `values` one a receiver; `uv` in [0, 1]².
 #[inline]
 pub fn lightmap_lookup(p: &LightmapParams, texels: &[u32], values: &[Vec4], uv: Vec2) -> Vec4 {
-    let (width, height) = (p.width as f32, p.height as f32);
+    let width = p.width as f32;
+    let height = p.height as f32;
     let place = Vec2::new(uv.x * width - 0.5, uv.y * height - 0.5);
     let low = Vec2::new(floor(place.x), floor(place.y));
     let share = place - low;

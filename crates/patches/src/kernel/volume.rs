@@ -181,7 +181,9 @@ pub fn probe_weight(p: &VolumeParams, planes: &[f32], probe: u32, q: Vec3, trili
     if p.walls == 0 {
         return trilinear + MIN * any;
     }
-    let (x, y, z) = (abs(q.x), abs(q.y), abs(q.z));
+    let x = abs(q.x);
+    let y = abs(q.y);
+    let z = abs(q.z);
     let toward_x = if q.x < 0.0 { 12 } else { 14 };
     let toward_y = if q.y < 0.0 { 10 } else { 16 };
     let toward_z = if q.z < 0.0 { 4 } else { 22 };

@@ -25,7 +25,9 @@ impl Mesh {
     /// The six sides of a box, fronts inwards or outwards.
     pub fn cuboid(&mut self, low: Vec3, high: Vec3, inwards: bool) {
         let size = high - low;
-        let (x, y, z) = (Vec3::X * size.x, Vec3::Y * size.y, Vec3::Z * size.z);
+        let x = Vec3::X * size.x;
+        let y = Vec3::Y * size.y;
+        let z = Vec3::Z * size.z;
         for (corner, a, b) in [(low, x, y), (low, y, z), (low, z, x), (high, -y, -x), (high, -z, -y), (high, -x, -z)] {
             if inwards { self.quad(corner, a, b) } else { self.quad(corner, b, a) }
         }
@@ -38,7 +40,8 @@ impl Mesh {
         };
         let up = Vec3::Y * height;
         for k in 0..sides {
-            let (a, b) = (at(k), at(k + 1));
+            let a = at(k);
+            let b = at(k + 1);
             self.quad(a, b - a, up);
             self.triangle(foot, b, a);
             self.triangle(foot + up, a + up, b + up);
@@ -51,14 +54,18 @@ impl Mesh {
         for (sx, sy, sz) in
             [(1, 1, 1), (-1, 1, 1), (1, -1, 1), (-1, -1, 1), (1, 1, -1), (-1, 1, -1), (1, -1, -1), (-1, -1, -1)]
         {
-            let (x, y, z) = (Vec3::X * sx as f32, Vec3::Y * sy as f32, Vec3::Z * sz as f32);
+            let x = Vec3::X * sx as f32;
+            let y = Vec3::Y * sy as f32;
+            let z = Vec3::Z * sz as f32;
             faces.push(if sx * sy * sz > 0 { [x, y, z] } else { [x, z, y] });
         }
         for _ in 0..level {
             faces = faces
                 .into_iter()
                 .flat_map(|[a, b, c]| {
-                    let (ab, bc, ca) = ((a + b).normalize(), (b + c).normalize(), (c + a).normalize());
+                    let ab = (a + b).normalize();
+                    let bc = (b + c).normalize();
+                    let ca = (c + a).normalize();
                     [[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]]
                 })
                 .collect();

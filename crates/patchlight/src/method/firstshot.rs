@@ -14,13 +14,17 @@ use glam::{Vec2, Vec3, Vec4};
 use patches::PatchMesh;
 use rayon::prelude::*;
 use runtime::cpu::Cpu;
-use runtime::executor::{DeviceChoice, DeviceKind, Executor, ExecutorError, PassTime, open};
+#[cfg(feature = "vulkan")]
+use runtime::executor::{DeviceChoice, open_validated};
+use runtime::executor::{DeviceKind, Executor, ExecutorError, PassTime};
 use runtime::plan::{PassId, Plan, Range};
 use runtime::recipe::firstshot::{PhotonPasses, PhotonTargets};
 use runtime::recipe::formfactor::SparseTables;
 use runtime::recipe::rays::RayStops;
 use runtime::recipe::scene::SceneTables;
 use runtime::recipe::{Tables, rgb_bytes};
+#[cfg(feature = "vulkan")]
+use runtime::vulkan::Validation;
 use scene::kernel::bvh::FAR;
 use scene::kernel::camera::surface_point;
 use scene::kernel::light::direct_irradiance;
@@ -401,7 +405,8 @@ impl FirstShot {
         }
         let (flux, tallies) = passes.words(executor)?;
         let batches = self.settings.photons(self.seed).batches;
-        let (cells, areas) = (self.maps.areas().len(), self.maps.group_areas.clone());
+        let cells = self.maps.areas().len();
+        let areas = self.maps.group_areas.clone();
         let sums = Sums::from_words(flux, tallies, cells, areas, batches).map_err(Error::Photons)?;
         self.estimate = sums.estimate(self.maps.areas(), self.emission.power, self.per_batch);
         self.sums = Some(sums);
@@ -583,7 +588,13 @@ impl FirstShotMethod {
 fn same_device(executor: &dyn Executor) -> Result<Option<Box<dyn Executor>>, Error> {
     let device = executor.device();
     match device.index {
-        Some(index) => Ok(Some(open(&DeviceChoice::Index(index))?.0)),
+        #[cfg(feature = "vulkan")]
+        Some(index) => {
+            let validation = if device.has_validation { Validation::Required } else { Validation::Off };
+            Ok(Some(open_validated(&DeviceChoice::Index(index), validation)?.0))
+        }
+        #[cfg(not(feature = "vulkan"))]
+        Some(_) => Ok(None),
         None if device.kind == DeviceKind::Native => Ok(Some(Box::new(Cpu::new()))),
         None => Ok(None),
     }
@@ -603,7 +614,8 @@ fn trace_for_bake(
     };
     // Light elements are a small part of the work.
     shot.set_lighting(scene, stops.map(|stops| (stops, &mut *executor)), &|done, total| report(done, 10 * total))?;
-    let (mut plan, mut tables) = (Plan::new(), Tables::new());
+    let mut plan = Plan::new();
+    let mut tables = Tables::new();
     let scene_tables = SceneTables::new(&mut plan, &mut tables, scene, scene.lighting.lights.len().max(1));
     let irradiance = plan.storage("element irradiance", rgb_bytes(shot.maps.element_areas.len()));
     let passes = shot.add_passes(&mut plan, &mut tables, &scene_tables, irradiance.into())?;

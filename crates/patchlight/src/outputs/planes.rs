@@ -123,7 +123,8 @@ impl CalculationPlane {
 impl PlaneLight {
     /// Position of point `k`, m.
     pub fn place(&self, k: u32) -> Vec3 {
-        let (i, j) = (k % self.counts[0], k / self.counts[0]);
+        let i = k % self.counts[0];
+        let j = k / self.counts[0];
         self.first + Vec3::new(i as f32 * self.step.x, 0.0, j as f32 * self.step.y)
     }
 

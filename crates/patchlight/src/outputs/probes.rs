@@ -65,8 +65,8 @@ const TABLES: [(&str, &str, u64, &str); 4] = [
         "planes",
         "f32",
         PLANE_WORDS as u64,
-        "per probe and direction (i + 1) + 3 (j + 1) + 9 (k + 1) to the voxels round it, the gradient g with g · q = 1 on the \
-         plane of what a ray meets there, q in voxels from the probe on; 0 where it meets nothing",
+        "per probe and direction (i + 1) + 3 (j + 1) + 9 (k + 1) to the voxels round it, the gradient g with g · q = \
+         1 on the plane of what a ray meets there, q in voxels from the probe on; 0 where it meets nothing",
     ),
     (
         "cubes",
@@ -90,7 +90,9 @@ impl ProbeVolume {
     /// [`patches::Error::Length`] unless there is one value a receiver.
     pub fn new(volume: &VoxelVolume, cubes: Vec<Vec4>) -> Result<Self, Error> {
         let harmonics = volume.harmonics(&cubes)?;
-        let (params, probes, planes) = (volume.params, volume.probes.clone(), volume.planes.clone());
+        let params = volume.params;
+        let probes = volume.probes.clone();
+        let planes = volume.planes.clone();
         Ok(Self { params, probes, planes, cubes, harmonics })
     }
 
@@ -120,7 +122,8 @@ impl ProbeVolume {
     /// [`Error::Json`], which no volume gives.
     pub fn to_files(&self) -> Result<(String, Vec<u8>), Error> {
         let rgb = |values: &[Vec4]| -> Vec<f32> { values.iter().flat_map(|v| v.truncate().to_array()).collect() };
-        let (cubes, harmonics) = (rgb(&self.cubes), rgb(&self.harmonics));
+        let cubes = rgb(&self.cubes);
+        let harmonics = rgb(&self.harmonics);
         let contents: [&[u8]; 4] = [
             bytemuck::cast_slice(&self.probes),
             bytemuck::cast_slice(&self.planes),
@@ -230,7 +233,9 @@ impl ProbeVolume {
     /// voxel without a probe has that of the nearest.
     pub fn to_ktx2(&self) -> Vec<u8> {
         let counts = self.params.shape.counts();
-        let (width, height, depth) = (counts.x, 2 * counts.y, 3 * counts.z);
+        let width = counts.x;
+        let height = 2 * counts.y;
+        let depth = 3 * counts.z;
         let mut texels = Vec::with_capacity((width * height * depth) as usize);
         for z in 0..depth {
             for y in 0..height {
@@ -346,7 +351,8 @@ mod tests {
         let file = volume.to_ktx2();
         let word = |at: usize| u32::from_le_bytes(file[at..at + 4].try_into().unwrap());
         assert_eq!([word(12), word(20), word(24), word(28)], [97, 2, 2, 6]);
-        let (first, length) = (word(80) as usize, word(88) as usize);
+        let first = word(80) as usize;
+        let length = word(88) as usize;
         assert_eq!((first % 8, first + length, length), (0, file.len(), 2 * 2 * 6 * 8));
         let red = |x: usize, y: usize, z: usize| {
             let at = first + 8 * (x + 2 * (y + 2 * z));

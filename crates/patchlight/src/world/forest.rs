@@ -121,7 +121,9 @@ impl Forest {
         let shape = grid.shape;
         drop(grid);
         if drafts.len() > MAX_PATCHES {
-            let (name, found, limit) = ("patches", drafts.len() as u64, MAX_PATCHES as u64);
+            let name = "patches";
+            let found = drafts.len() as u64;
+            let limit = MAX_PATCHES as u64;
             return Err(Error::TooManyVoxels { name, found, limit });
         }
         let mut world = Self::assemble(shape, drafts, dark);
@@ -153,7 +155,9 @@ impl Forest {
         let mut keys: Vec<u64> = drafts.iter().map(|d| d.key).collect();
         let voxels: Vec<u32> = drafts.iter().map(|d| d.voxel).collect();
         let indoors = drafts.iter().map(|d| d.indoors).collect();
-        let (mut nodes, mut points, mut offsets) = (Vec::with_capacity(2 * drafts.len()), Vec::new(), vec![0]);
+        let mut nodes = Vec::with_capacity(2 * drafts.len());
+        let mut points = Vec::new();
+        let mut offsets = vec![0];
         for draft in drafts {
             nodes.push(draft.node);
             points.extend(draft.points);
@@ -294,7 +298,8 @@ fn sides(scene: &Scene, grid: &Grid) -> usize {
 
 /// Some voxels of a grid.
 fn some_voxels(grid: &Grid, slots: std::ops::Range<usize>) -> Grid {
-    let (from, to) = (grid.offsets[slots.start], grid.offsets[slots.end]);
+    let from = grid.offsets[slots.start];
+    let to = grid.offsets[slots.end];
     let own = from as usize..to as usize;
     Grid {
         shape: grid.shape,
@@ -327,7 +332,8 @@ fn drafts(
     let sampler = lit_sampler(scene, PROBE_SAMPLES_FOR, Density::default(), settings.seed)?
         .ok_or(Error::Patches(patches::Error::NoSamples))?;
     let sampling = SampleSettings { points: FACE_RAYS, seed: settings.seed, ..SampleSettings::default() };
-    let (mut drafts, mut dark) = (Vec::new(), Vec::new());
+    let mut drafts = Vec::new();
+    let mut dark = Vec::new();
     for first in (0..grid.len()).step_by(VOXELS_AT_ONCE) {
         let slots = first..(first + VOXELS_AT_ONCE).min(grid.len());
         let part = some_voxels(grid, slots.clone());
@@ -357,7 +363,9 @@ fn draft(scene: &Scene, set: &PatchSet, k: usize, seed: u32) -> Draft {
     let patch = &set.patches[k];
     let members = set.members_of(k);
     let count = POINTS.min(members.len());
-    let (mut points, mut passed, mut radius) = (Vec::with_capacity(count), 0.0f64, 0.0f32);
+    let mut points = Vec::with_capacity(count);
+    let mut passed = 0.0f64;
+    let mut radius = 0.0f32;
     for member in members {
         let sample = &set.samples[member.sample as usize];
         passed += f64::from(member.weight);
@@ -396,8 +404,10 @@ fn sky_seen(scene: &Scene, points: &[LitPoint], seed: u32) -> f32 {
 
 /// The node made of some that follow each other: means by area [T 5.2].
 fn merged(children: &[Node], first: u32) -> Node {
-    let (mut area, mut centre, mut normal, mut albedo) =
-        (0.0f64, glam::DVec3::ZERO, glam::DVec3::ZERO, glam::DVec3::ZERO);
+    let mut area = 0.0f64;
+    let mut centre = glam::DVec3::ZERO;
+    let mut normal = glam::DVec3::ZERO;
+    let mut albedo = glam::DVec3::ZERO;
     for c in children {
         let a = f64::from(c.area);
         area += a;

@@ -110,7 +110,8 @@ fn lookups(nodes: &[Node], extra: &Extra) -> Result<(Lookup, Vec<Level>), Error>
         voxel: d.voxel,
         ..VirtualPatch::default()
     };
-    let (mut shape, mut own) = (extra.shape, 0..extra.voxels.len());
+    let mut shape = extra.shape;
+    let mut own = 0..extra.voxels.len();
     let mut coordinates: Vec<UVec3> = extra.voxels.iter().map(|&voxel| shape.coordinates(voxel)).collect();
     let mut indoors = extra.indoors.clone();
     let leaf = |k: usize| virtual_patch(&nodes[k], extra.voxels[k]);

@@ -125,7 +125,8 @@ pub fn scene_of(file: &BakeFile) -> Result<String, Error> {
 }
 
 fn not_a_bake(path: &Path, reason: &str) -> Error {
-    let (path, reason) = (path.display().to_string(), format!("its settings cannot be read: {reason}"));
+    let path = path.display().to_string();
+    let reason = format!("its settings cannot be read: {reason}");
     localmatrix::BakeError::NotABake { path, reason }.into()
 }
 
@@ -203,7 +204,8 @@ impl Streamed {
     pub fn settle(&mut self, eye: Vec3, report: &(dyn Fn(f32) -> bool + Sync)) -> Result<Step, Error> {
         let stopped = Cell::new(false);
         // The disk is given up when nothing has come for so long.
-        let (last, slots) = (Cell::new((0, Instant::now())), self.settings.local.slots as f32);
+        let last = Cell::new((0, Instant::now()));
+        let slots = self.settings.local.slots as f32;
         let go_on = |done: usize| {
             if done != last.get().0 {
                 last.set((done, Instant::now()));

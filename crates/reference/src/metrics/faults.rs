@@ -102,8 +102,10 @@ impl<'a> Judge<'a> {
         let Some(error) = self.standard_error else { return vec![0.0; self.reference.pixels.len()] };
         let own = |x: u32, y: u32| f64::from(luminance(error.pixels[(y * error.width + x) as usize]));
         let doubt = |k: u32| {
-            let (x, y) = (k % error.width, k / error.width);
-            let (columns, rows) = (about(x, error.width), about(y, error.height));
+            let x = k % error.width;
+            let y = k / error.width;
+            let columns = about(x, error.width);
+            let rows = about(y, error.height);
             let mut near: Vec<f64> =
                 rows.flat_map(|y| columns.clone().map(move |x| (x, y))).map(|(x, y)| own(x, y)).collect();
             SURE * own(x, y).max(quantile(&mut near, 0.5))
@@ -155,7 +157,9 @@ impl<'a> Judge<'a> {
         self.check(ours, mask)?;
         let map = self.fault_map(ours)?;
         let counted = (0..map.len()).filter(|k| mask.is_none_or(|m| m[*k]));
-        let (mut leaks, mut stains, mut count) = (0u64, 0u64, 0u64);
+        let mut leaks = 0u64;
+        let mut stains = 0u64;
+        let mut count = 0u64;
         for k in counted {
             leaks += u64::from(map[k] == Some(Fault::Leak));
             stains += u64::from(map[k] == Some(Fault::Stain));
@@ -182,7 +186,8 @@ impl<'a> Judge<'a> {
     pub fn noise(&self) -> Option<ReferenceNoise> {
         self.standard_error?;
         let count = self.reference.pixels.len();
-        let (mut leaks, mut stains) = (0usize, 0usize);
+        let mut leaks = 0usize;
+        let mut stains = 0usize;
         let mut relative = Vec::with_capacity(count);
         for (k, doubt) in self.doubts().into_iter().enumerate() {
             let reference = f64::from(luminance(self.reference.pixels[k]));
@@ -210,7 +215,8 @@ impl<'a> Judge<'a> {
         };
         let size = (ours.width, ours.height);
         let sums = |values: &[f64]| square_sums(values, size, edge);
-        let (own, other) = (sums(&light(ours)), sums(&light(self.reference)));
+        let own = sums(&light(ours));
+        let other = sums(&light(self.reference));
         let variance = self.standard_error.map(|error| {
             let squares: Vec<f64> = light(error).iter().map(|sigma| sigma * sigma).collect();
             sums(&squares)
@@ -257,11 +263,13 @@ impl<'a> Judge<'a> {
     pub fn blotch_picture(&self, ours: &Picture, edge: u32, range: f32) -> Result<Picture, Error> {
         self.check(ours, None)?;
         let errors = self.square_errors(ours, edge, None);
-        let (columns, rows) = (squares(ours.width, edge), squares(ours.height, edge));
+        let columns = squares(ours.width, edge);
+        let rows = squares(ours.height, edge);
         // The square whose middle is nearest.
         let place = |at: u32, count: u32| at.saturating_sub(edge / 2).min(count.saturating_sub(1));
         let colour = |k: u32| {
-            let (x, y) = (place(k % ours.width, columns), place(k / ours.width, rows));
+            let x = place(k % ours.width, columns);
+            let y = place(k / ours.width, rows);
             let Some(Some(error)) = errors.get((y * columns + x) as usize) else { return Vec3::splat(0.2) };
             let x = (*error as f32 / range).clamp(-1.0, 1.0);
             let rest = 1.0 - x.abs();
@@ -307,7 +315,8 @@ fn noise_map(first: &Picture, second: &Picture, scale: f32) -> Result<Vec<bool>,
     first.check_size(second)?;
     check_finite("first", &first.pixels)?;
     check_finite("second", &second.pixels)?;
-    let (a, b) = (first.displayed(scale), second.displayed(scale));
+    let a = first.displayed(scale);
+    let b = second.displayed(scale);
     Ok(a.pixels.iter().zip(&b.pixels).map(|(a, b)| (*a - *b).abs().max_element() > NOISE_STEP).collect())
 }
 
@@ -339,8 +348,10 @@ fn squares(length: u32, edge: u32) -> u32 {
 
 /// Sums over all squares of `edge` × `edge` values that lie inside the picture, by upper left corners row by row.
 fn square_sums(values: &[f64], (width, height): (u32, u32), edge: u32) -> Vec<f64> {
-    let (columns, rows) = (squares(width, edge) as usize, squares(height, edge) as usize);
-    let (width, edge) = (width as usize, edge as usize);
+    let columns = squares(width, edge) as usize;
+    let rows = squares(height, edge) as usize;
+    let width = width as usize;
+    let edge = edge as usize;
     if columns == 0 || rows == 0 {
         return Vec::new();
     }

@@ -33,7 +33,9 @@ impl Builder {
     /// Six faces with their fronts inwards.
     pub fn box_inwards(&mut self, low: Vec3, high: Vec3, material: u32) -> &mut Self {
         let d = high - low;
-        let (x, y, z) = (Vec3::X * d.x, Vec3::Y * d.y, Vec3::Z * d.z);
+        let x = Vec3::X * d.x;
+        let y = Vec3::Y * d.y;
+        let z = Vec3::Z * d.z;
         self.quad(low, y, z, material).quad(low, z, x, material).quad(low, x, y, material);
         self.quad(high, -z, -y, material).quad(high, -x, -z, material).quad(high, -y, -x, material)
     }
@@ -47,8 +49,11 @@ impl Builder {
             Vec3::from(at).normalize() * radius
         };
         for k in 0..6 * divisions * divisions {
-            let (face, i, j) = (k / (divisions * divisions), k / divisions % divisions, k % divisions);
-            let (axis, side) = ((face / 2) as usize, if face.is_multiple_of(2) { 1.0 } else { -1.0 });
+            let face = k / (divisions * divisions);
+            let i = k / divisions % divisions;
+            let j = k % divisions;
+            let axis = (face / 2) as usize;
+            let side = if face.is_multiple_of(2) { 1.0 } else { -1.0 };
             let at = |di: u32, dj: u32| on_sphere(axis, side, i + di, j + dj);
             for [a, b, c] in [[at(0, 0), at(1, 0), at(1, 1)], [at(0, 0), at(1, 1), at(0, 1)]] {
                 let is_outwards = (b - a).cross(c - a).dot(a) > 0.0;
@@ -89,7 +94,9 @@ pub fn room(albedo: f32) -> Scene {
     let white = b.material(Vec3::splat(albedo), Vec3::ZERO);
     let red = b.material(Vec3::new(albedo, 0.1, 0.1), Vec3::ZERO);
     let panel = b.material(Vec3::splat(0.2), Vec3::new(9.0, 8.0, 7.0));
-    let (x, y, z) = (2.0 * Vec3::X, 2.0 * Vec3::Y, 2.0 * Vec3::Z);
+    let x = 2.0 * Vec3::X;
+    let y = 2.0 * Vec3::Y;
+    let z = 2.0 * Vec3::Z;
     b.quad(Vec3::ZERO, z, x, white).quad(y, x, z, white).quad(Vec3::ZERO, y, z, red).quad(x, z, y, white);
     b.quad(Vec3::ZERO, x, y, white);
     b.quad(Vec3::new(0.7, 1.7, 0.7), 0.5 * Vec3::X, 0.5 * Vec3::Z, panel);
@@ -103,7 +110,9 @@ pub fn sunny_room(albedo: f32) -> Scene {
     let mut b = Builder::default();
     let white = b.material(Vec3::splat(albedo), Vec3::ZERO);
     let red = b.material(Vec3::new(albedo, 0.1, 0.1), Vec3::ZERO);
-    let (x, y, z) = (2.0 * Vec3::X, 2.0 * Vec3::Y, 2.0 * Vec3::Z);
+    let x = 2.0 * Vec3::X;
+    let y = 2.0 * Vec3::Y;
+    let z = 2.0 * Vec3::Z;
     b.quad(Vec3::ZERO, z, x, white).quad(Vec3::ZERO, y, z, red).quad(x, z, y, white);
     b.quad(Vec3::ZERO, x, y, white).quad(z, y, x, white);
     b.quad(y, 0.8 * x, z, white).quad(y + 0.9 * x, 0.1 * x, z, white);

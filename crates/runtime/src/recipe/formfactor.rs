@@ -217,7 +217,8 @@ impl<'a> RowTracer<'a> {
             ray_offset: surfaces.ray_offset,
             reserved: [0; 2],
         };
-        let (kernel, shared) = (&table::FORMFACTOR_HEMISPHERE_HITS, scene_tables.bindings());
+        let kernel = &table::FORMFACTOR_HEMISPHERE_HITS;
+        let shared = scene_tables.bindings();
         let pass = add_pass(&mut plan, "rows", kernel, &own, shared, &params, rows * rays)?;
         executor.load(plan)?;
         tables.upload(executor)?;
@@ -277,7 +278,8 @@ impl<'a> SurfaceTracer<'a> {
         let own = [("offsets", offsets), ("points", points), ("hits", hits)];
         let own = own.map(|(name, buffer)| (name, Range::from(buffer)));
         let params = HemisphereParams { row_count: rows as u32, rays, ..HemisphereParams::default() };
-        let (kernel, shared) = (&table::FORMFACTOR_HEMISPHERE_SURFACES, scene_tables.bindings());
+        let kernel = &table::FORMFACTOR_HEMISPHERE_SURFACES;
+        let shared = scene_tables.bindings();
         let pass = add_pass(&mut plan, "rows", kernel, &own, shared, &params, params.row_count * rays)?;
         executor.load(plan)?;
         tables.upload(executor)?;

@@ -90,7 +90,8 @@ impl LevelTables {
         let Some(lookup) = lookup else { return self.lookups.push(LookupParams::default()) };
         let first_cell = self.cells.len() as u32;
         self.lookups.push(LookupParams { count: lookup.values as u32, first_cell, ..lookup.params });
-        let (places, entries) = (self.offsets.len() as u32, self.entries.len() as u32);
+        let places = self.offsets.len() as u32;
+        let entries = self.entries.len() as u32;
         self.cells.extend(lookup.cells.iter().map(|cell| cell & EMPTY_CELL | ((cell & !EMPTY_CELL) + places)));
         self.offsets.extend(lookup.offsets.iter().map(|offset| offset + entries));
         let shifted = |entry: &LookupPatch| LookupPatch { patch: entry.patch + first_value as u32, ..*entry };

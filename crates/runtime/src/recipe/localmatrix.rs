@@ -443,7 +443,9 @@ mod tests {
             albedo: Vec3::new(0.8 * random(i, 1), 0.5, 0.9 * random(i, 2)),
         };
         let surfaces: Vec<Surface> = (0..PATCHES).map(surface).collect();
-        let (mut starts, mut columns, mut values) = (vec![0], Vec::new(), Vec::new());
+        let mut starts = vec![0];
+        let mut columns = Vec::new();
+        let mut values = Vec::new();
         for i in 0..PATCHES {
             for j in i.saturating_sub(9)..(i + 10).min(PATCHES) {
                 columns.push(j as u32);

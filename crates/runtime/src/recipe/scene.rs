@@ -401,7 +401,8 @@ pub fn load_scene<T>(
     scene: &Scene,
     add: impl FnOnce(&mut Plan, &SceneTables) -> Result<T, ExecutorError>,
 ) -> Result<T, ExecutorError> {
-    let (mut plan, mut tables) = (Plan::new(), Tables::new());
+    let mut plan = Plan::new();
+    let mut tables = Tables::new();
     let lights = &scene.lighting.lights;
     let scene_tables = SceneTables::new(&mut plan, &mut tables, scene, lights.len().max(1));
     let added = add(&mut plan, &scene_tables)?;

@@ -68,8 +68,8 @@ pub enum Error {
     },
     /// The validation layer was asked for by `PATCHLIGHT_VALIDATION=1` and is not installed.
     #[error(
-        "PATCHLIGHT_VALIDATION is set but there is no VK_LAYER_KHRONOS_validation; install the Vulkan validation layers \
-         or unset the variable"
+        "PATCHLIGHT_VALIDATION is set but there is no VK_LAYER_KHRONOS_validation; install the Vulkan validation \
+         layers or unset the variable"
     )]
     NoValidationLayer,
     /// The validation layer found a mistake of ours.
@@ -80,8 +80,8 @@ pub enum Error {
     },
     /// A buffer or picture does not fit on the device.
     #[error(
-        "{call} for `{what}`, {bytes} bytes: out of device memory ({reason}); choose fewer patches, a smaller picture, or \
-         the CPU executor"
+        "{call} for `{what}`, {bytes} bytes: out of device memory ({reason}); choose fewer patches, a smaller \
+         picture, or the CPU executor"
     )]
     OutOfMemory {
         /// The call.
@@ -151,8 +151,8 @@ fn list(names: &[String]) -> String {
 fn remedy(result: vk::Result) -> &'static str {
     match result {
         vk::Result::ERROR_DEVICE_LOST => {
-            "the device was reset, often because one pass ran too long: try again with fewer patches or rays a pass, or \
-             the CPU executor"
+            "the device was reset, often because one pass ran too long: try again with fewer patches or rays a pass, \
+             or the CPU executor"
         }
         vk::Result::ERROR_OUT_OF_HOST_MEMORY => "main memory is full: close programs or choose fewer patches",
         vk::Result::ERROR_OUT_OF_DEVICE_MEMORY => "device memory is full: choose fewer patches, or the CPU executor",

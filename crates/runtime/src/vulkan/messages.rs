@@ -22,9 +22,10 @@ impl Messages {
 }
 
 /// Use of the validation layer.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Validation {
     /// No.
+    #[default]
     Off,
     /// If it is installed.
     IfThere,
@@ -33,11 +34,12 @@ pub enum Validation {
 }
 
 impl Validation {
-    /// By `PATCHLIGHT_VALIDATION` (1: required, 0: off); without it, debug builds use the layer if it is there.
-    pub fn from_environment() -> Self {
-        match std::env::var("PATCHLIGHT_VALIDATION").as_deref() {
-            Ok("0") => Self::Off,
-            Ok(value) if !value.is_empty() => Self::Required,
+    /// Reads a setting of a program, an environment variable say: `0` is off, any other text required; without a text,
+    /// debug builds use the layer if it is there.
+    pub fn parse(text: Option<&str>) -> Self {
+        match text {
+            Some("0") => Self::Off,
+            Some(text) if !text.is_empty() => Self::Required,
             _ if cfg!(debug_assertions) => Self::IfThere,
             _ => Self::Off,
         }

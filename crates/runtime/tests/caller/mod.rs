@@ -40,7 +40,7 @@ impl Caller {
         // SAFETY: the loader library is the system's.
         let entry = unsafe { ash::Entry::load() }?;
         let has_layer = has_validation_layer(&entry)?;
-        if Validation::from_environment() == Validation::Required && !has_layer {
+        if validation() == Validation::Required && !has_layer {
             return Err("no validation layer".into());
         }
         let mut layer_names = Vec::new();
@@ -245,4 +245,9 @@ fn make_device(
         .push_next(&mut vulkan_1_2);
     // SAFETY: everything that `create` points to lives through the call; `describe_device` found the features.
     Ok((unsafe { instance.create_device(physical, &create, None) }?, enabled))
+}
+
+/// Use of the validation layer, by `PATCHLIGHT_VALIDATION`.
+pub fn validation() -> Validation {
+    Validation::parse(std::env::var("PATCHLIGHT_VALIDATION").ok().as_deref())
 }

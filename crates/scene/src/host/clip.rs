@@ -38,7 +38,8 @@ impl Polygon {
     /// Centre of mass; the mean corner for a polygon without area.
     pub fn centroid(&self) -> DVec3 {
         let c = self.corners();
-        let (mut sum, mut weight) = (DVec3::ZERO, 0.0);
+        let mut sum = DVec3::ZERO;
+        let mut weight = 0.0;
         for k in 2..c.len() {
             let area = (c[k - 1] - c[0]).cross(c[k] - c[0]).length();
             sum += (c[0] + c[k - 1] + c[k]) * area;
@@ -66,10 +67,13 @@ impl Polygon {
     /// belongs to the second part wholly, so the parts' areas always sum to the whole.
     fn split(&self, axis: usize, at: f64) -> (Self, Self) {
         let empty = Self { corners: [DVec3::ZERO; MAX_CORNERS], len: 0 };
-        let (mut before, mut beyond) = (empty, empty);
+        let mut before = empty;
+        let mut beyond = empty;
         for k in 0..self.len {
-            let (p, q) = (self.corners[k], self.corners[(k + 1) % self.len]);
-            let (p_before, q_before) = (p[axis] < at, q[axis] < at);
+            let p = self.corners[k];
+            let q = self.corners[(k + 1) % self.len];
+            let p_before = p[axis] < at;
+            let q_before = q[axis] < at;
             if p_before {
                 before.push(p);
             } else {
@@ -116,7 +120,8 @@ impl Layers {
     fn slice(&self, polygon: &Polygon, axis: usize, mut take: impl FnMut(u32, &Polygon)) {
         let low = polygon.corners().iter().fold(f64::INFINITY, |m, c| m.min(c[axis]));
         let high = polygon.corners().iter().fold(f64::NEG_INFINITY, |m, c| m.max(c[axis]));
-        let (first, last) = (self.layer_of(low), self.layer_of(high));
+        let first = self.layer_of(low);
+        let last = self.layer_of(high);
         let mut rest = *polygon;
         for layer in first..last {
             let (before, beyond) = rest.split(axis, self.origin + f64::from(layer + 1) * self.edge);
@@ -164,10 +169,13 @@ mod tests {
     fn parts_sum_to_the_triangle_and_lie_in_their_voxels() {
         let random = |k, d| Vec3::from_array([0, 1, 2].map(|a| unit(hash3(k, d, a))));
         for k in 0..500 {
-            let (a, b, c) = (random(k, 0), random(k, 1), random(k, 2));
+            let a = random(k, 0);
+            let b = random(k, 1);
+            let c = random(k, 2);
             let t = Triangle { corner: a, edge_a: b - a, edge_b: c - a, ..Triangle::default() };
             let whole = Polygon::of_triangle(&t);
-            let (mut area, mut moment) = (0.0, DVec3::ZERO);
+            let mut area = 0.0;
+            let mut moment = DVec3::ZERO;
             cut_triangle(&t, &layers(7), |cell, part| {
                 let alone = cut_to_cell(&t, &layers(7), cell);
                 assert!((alone.area() - part.area()).abs() < 1e-12);

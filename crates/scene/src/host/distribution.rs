@@ -90,7 +90,8 @@ impl Distribution {
         let c = within_turn(c);
         let count = self.planes.len();
         let after = self.planes.partition_point(|plane| *plane <= c);
-        let (left, right) = ((after + count - 1) % count, after % count);
+        let left = (after + count - 1) % count;
+        let right = after % count;
         let at = |plane: usize| {
             let row = &self.intensities[plane * (last + 1)..];
             row[low] + (row[high] - row[low]) * share
@@ -111,7 +112,8 @@ impl Distribution {
         let weight = |plane: usize| match count {
             1 => 1.0,
             _ => {
-                let (before, after) = ((plane + count - 1) % count, (plane + 1) % count);
+                let before = (plane + count - 1) % count;
+                let after = (plane + 1) % count;
                 let width = |from: usize, to: usize| within_turn(self.planes[to] - self.planes[from]);
                 (width(before, plane) + width(plane, after)) / 720.0
             }
@@ -121,7 +123,8 @@ impl Distribution {
             let row = &self.intensities[plane * steps..][..steps];
             let mut of_plane = 0.0;
             for k in 1..steps {
-                let (a, b) = (self.gammas[k - 1].to_radians(), self.gammas[k].to_radians());
+                let a = self.gammas[k - 1].to_radians();
+                let b = self.gammas[k].to_radians();
                 let slope = (row[k] - row[k - 1]) / (b - a);
                 let ((sin_a, cos_a), (sin_b, cos_b)) = (sin_cos(a), sin_cos(b));
                 of_plane += row[k - 1] * cos_a - row[k] * cos_b + slope * (sin_b - sin_a);
@@ -169,7 +172,8 @@ impl Distribution {
         let greatest = self.greatest();
         let mut error = 0.0f64;
         for (k, &intensity) in self.intensities.iter().enumerate() {
-            let (c, gamma) = (self.planes[k / self.gammas.len()], self.gammas[k % self.gammas.len()]);
+            let c = self.planes[k / self.gammas.len()];
+            let gamma = self.gammas[k % self.gammas.len()];
             error = error.max((grid.intensity(gamma, c) - intensity).abs() / greatest.max(f64::MIN_POSITIVE));
         }
         error
@@ -202,8 +206,10 @@ impl Distribution {
     pub fn of_table(table: &[f32], begin: u32) -> Option<Self> {
         let stored = table.get(begin as usize..)?;
         let length = stored_length(stored)?;
-        let (first, per_radian) = (f64::from(stored[0]), f64::from(stored[1]));
-        let (steps, planes) = (stored[2] as usize, (stored[3] as usize).max(1));
+        let first = f64::from(stored[0]);
+        let per_radian = f64::from(stored[1]);
+        let steps = stored[2] as usize;
+        let planes = (stored[3] as usize).max(1);
         // Whole millionths of a degree: what single precision adds goes.
         let degrees = |radians: f64| (radians.to_degrees() * 1e4).round() / 1e4;
         let end = degrees(first + steps as f64 / per_radian);

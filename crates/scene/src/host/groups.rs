@@ -76,8 +76,11 @@ fn score(parts: &[Part], group: &[usize]) -> f32 {
 }
 
 fn moments(parts: &[Part], group: &[usize]) -> EmitterGroup {
-    let (mut power, mut color) = (0.0, Vec3::ZERO);
-    let (mut centre, mut normal, mut second) = (Vec3::ZERO, Vec3::ZERO, Mat3::ZERO);
+    let mut power = 0.0;
+    let mut color = Vec3::ZERO;
+    let mut centre = Vec3::ZERO;
+    let mut normal = Vec3::ZERO;
+    let mut second = Mat3::ZERO;
     for part in group.iter().map(|&k| &parts[k]) {
         let own = part.area * luminance(part.radiance);
         power += own;

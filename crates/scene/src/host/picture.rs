@@ -54,7 +54,8 @@ impl Picture {
     /// Means over whole squares of `edge` × `edge` pixels from the upper left corner; what is left at the right and at
     /// the bottom does not count.
     pub fn block_means(&self, edge: u32) -> Self {
-        let (width, height) = (self.width / edge, self.height / edge);
+        let width = self.width / edge;
+        let height = self.height / edge;
         let mut blocks = Self::new(width, height);
         for by in 0..height {
             for bx in 0..width {
@@ -83,7 +84,8 @@ impl Picture {
     /// picture.
     pub fn log_average_luminance(&self) -> f32 {
         let least = 1e-4 * luminance(self.mean());
-        let (mut sum, mut count) = (0.0f64, 0u64);
+        let mut sum = 0.0f64;
+        let mut count = 0u64;
         for p in &self.pixels {
             let y = luminance(*p);
             if y > least {

@@ -95,7 +95,8 @@ impl Halver {
     /// For a picture of this width and height.
     pub fn new(size: (u32, u32)) -> Self {
         let new = half(size);
-        let (columns, rows) = (shares(size.0, new.0), shares(size.1, new.1));
+        let columns = shares(size.0, new.0);
+        let rows = shares(size.1, new.1);
         Self { columns, rows, held: VecDeque::new(), first: 0, next: 0 }
     }
 
@@ -129,7 +130,8 @@ impl Halver {
 fn shares(old: u32, new: u32) -> Shares {
     let size = f64::from(old) / f64::from(new);
     let share = |k: u32| {
-        let (start, end) = (f64::from(k) * size, f64::from(k + 1) * size);
+        let start = f64::from(k) * size;
+        let end = f64::from(k + 1) * size;
         let first = start.floor() as usize;
         let last = ((end - 1e-9).floor() as usize).min(old as usize - 1);
         let part = |c: usize| (((c as f64 + 1.0).min(end) - (c as f64).max(start)) / size) as f32;

@@ -82,7 +82,8 @@ mod tests {
     /// Irradiance by bins and by directions, for a sky that rises from dark at −x to bright at +x.
     fn irradiances(normal: Vec3, bins: &[Vec4], lighting: &Lighting) -> (f32, f32) {
         let rays = 1 << 14;
-        let (mut by_bins, mut exact) = (0.0, 0.0);
+        let mut by_bins = 0.0;
+        let mut exact = 0.0;
         for k in 0..rays {
             let direction = cosine_hemisphere(normal, hammersley(k, rays, (0, 0)));
             by_bins += bins[sky_bin(direction) as usize].x / rays as f32;
@@ -93,7 +94,8 @@ mod tests {
 
     #[test]
     fn bins_carry_the_irradiance_of_a_map() {
-        let (width, height) = (64, 32);
+        let width = 64;
+        let height = 32;
         let texel = |k: u32| {
             let azimuth = ((k % width) as f32 + 0.5) / width as f32;
             Vec4::splat(1.0 + 0.9 * sin_cos_2pi(azimuth).0 * if k / width < height / 2 { 1.0 } else { 0.2 })

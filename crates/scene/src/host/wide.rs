@@ -314,7 +314,8 @@ impl WideBvh {
 
 impl Node {
     fn of(children: &[(&BvhNode, u32)]) -> Self {
-        let (low, high) = ([Vec4::INFINITY; 2], [Vec4::NEG_INFINITY; 2]);
+        let low = [Vec4::INFINITY; 2];
+        let high = [Vec4::NEG_INFINITY; 2];
         let mut node = Self { bounds: [low, high, low, high, low, high], children: [0; WIDTH] };
         for (lane, (child, index)) in children.iter().enumerate() {
             for axis in 0..3 {

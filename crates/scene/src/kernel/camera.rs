@@ -18,10 +18,12 @@ pub fn camera_direction(camera: &Camera, x: f32, y: f32) -> Vec3 {
 /// same in every pixel, a point of Hammersley's set in the middle of its cell.
 #[inline]
 pub fn pixel_position(camera: &Camera, index: u32, seed: u32) -> (f32, f32) {
-    let (x, y) = (index % camera.width, index / camera.width);
+    let x = index % camera.width;
+    let y = index / camera.width;
     if camera.fixed_sub_frames > 0 {
         let step = 1.0 / camera.fixed_sub_frames as f32;
-        let (column, row) = (seed as f32 + OFF_MIDDLE.0, unit(radical_inverse(seed)) + OFF_MIDDLE.1 * step);
+        let column = seed as f32 + OFF_MIDDLE.0;
+        let row = unit(radical_inverse(seed)) + OFF_MIDDLE.1 * step;
         return (x as f32 + column * step, y as f32 + row);
     }
     (x as f32 + unit(hash3(index, 0x7069_7865, seed)), y as f32 + unit(hash3(index, 0x6c79_0000, seed)))

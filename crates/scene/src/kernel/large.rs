@@ -56,7 +56,8 @@ impl Contour {
     /// With the edge from `a` to `b`, both seen from the point.
     #[inline]
     fn with(self, a: Vec3, b: Vec3, normal: Vec3) -> Self {
-        let (above, below) = (a.dot(normal), b.dot(normal));
+        let above = a.dot(normal);
+        let below = b.dot(normal);
         if above > 0.0 && below > 0.0 {
             return Self { sum: self.sum + edge_term(a, b, normal), ..self };
         }
@@ -108,7 +109,8 @@ pub fn polygon_irradiance(
         let half = if is_triangle { 0.5 } else { 1.0 };
         return if cosine > 0.0 { half * height * cosine / (squared * squared) } else { 0.0 };
     }
-    let (b, c) = (a + edge_a, a + edge_b);
+    let b = a + edge_a;
+    let c = a + edge_b;
     let mut contour = Contour::EMPTY.with(a, b, normal);
     if is_triangle {
         contour = contour.with(b, c, normal);
@@ -129,7 +131,8 @@ pub fn rect_irradiance(light: &Light, origin: Vec3, normal: Vec3) -> Vec3 {
 #[inline]
 fn coupling(to: Vec3, normal: Vec3, target_normal: Vec3) -> f32 {
     let squared = to.length_squared();
-    let (here, there) = (to.dot(normal), -to.dot(target_normal));
+    let here = to.dot(normal);
+    let there = -to.dot(target_normal);
     if here > 0.0 && there > 0.0 { here * there / (squared * squared) } else { 0.0 }
 }
 
@@ -166,7 +169,9 @@ fn emitter_weight(g: &GeometryTables, e: &Emitter, origin: Vec3, normal: Vec3) -
     let t = g.triangles[e.triangle as usize];
     let a = t.corner - origin;
     let height = -a.dot(t.edge_a.cross(t.edge_b)) / (2.0 * e.area);
-    let (at_a, at_b, at_c) = (a.dot(normal), (a + t.edge_a).dot(normal), (a + t.edge_b).dot(normal));
+    let at_a = a.dot(normal);
+    let at_b = (a + t.edge_a).dot(normal);
+    let at_c = (a + t.edge_b).dot(normal);
     let most = if at_a > at_b { at_a } else { at_b };
     let most = if most > at_c { most } else { at_c };
     if height <= 0.0 || most <= 0.0 {
@@ -187,7 +192,8 @@ fn fixed_point(k: u32, slot: u32) -> (f32, f32) {
 /// do those of the pixels of a tile, so that either are a net.
 #[inline]
 fn first_sample(p: &LargeParams, index: u32) -> u32 {
-    let (x, y) = (index % p.camera.width, index / p.camera.width);
+    let x = index % p.camera.width;
+    let y = index / p.camera.width;
     let mixed = x ^ y;
     let place = (mixed & 1) << 3 | (y & 1) << 2 | (mixed >> 1 & 1) << 1 | (y >> 1 & 1);
     place * p.stride + p.first_sample
@@ -282,7 +288,8 @@ fn rect_samples<M: Medium>(
 ) -> (Vec3, Vec3) {
     let (origin, normal) = from;
     let n = light.edge_a.cross(light.edge_b) * (1.0 / light.area);
-    let (mut seen, mut all) = (M::Left::NOTHING, 0.0);
+    let mut seen = M::Left::NOTHING;
+    let mut all = 0.0;
     for k in 0..p.rays {
         let (u, v) = fixed_point(first + k, 2 + slot);
         let to = light.position + light.edge_a * u + light.edge_b * v - origin;
@@ -309,7 +316,9 @@ fn emitter_at(
     from: (Vec3, Vec3),
 ) -> (u32, f32, f32) {
     let wanted = x * total;
-    let (mut sum, mut k, mut weight) = (0.0, 0, 0.0);
+    let mut sum = 0.0;
+    let mut k = 0;
+    let mut weight = 0.0;
     for j in 0..p.emitter_count {
         if sum <= wanted {
             let own = emitter_weight(g, &lights.emitters[j as usize], from.0, from.1);
@@ -338,7 +347,8 @@ fn emitter_samples(
     for k in 0..p.emitter_count {
         total += emitter_weight(g, &lights.emitters[k as usize], from.0, from.1);
     }
-    let (mut seen, mut all) = (Vec3::ZERO, Vec3::ZERO);
+    let mut seen = Vec3::ZERO;
+    let mut all = Vec3::ZERO;
     if total > 0.0 {
         for k in 0..p.rays {
             let (x, y) = fixed_point(first + k, 1);
@@ -379,9 +389,12 @@ fn many_emitter_samples(
     medium: impl Medium,
     occluded: impl Fn(Vec3, Vec3, f32) -> bool,
 ) -> (Vec3, Vec3) {
-    let (mut seen, mut all) = (Vec3::ZERO, Vec3::ZERO);
+    let mut seen = Vec3::ZERO;
+    let mut all = Vec3::ZERO;
     for ray in first..first + p.rays {
-        let (mut sum, mut total, mut to) = (Vec3::ZERO, 0.0, Vec3::ZERO);
+        let mut sum = Vec3::ZERO;
+        let mut total = 0.0;
+        let mut to = Vec3::ZERO;
         let mut x = fixed_point(ray, 0).0;
         for k in 0..CANDIDATES {
             let found = candidate(g, p, ray * CANDIDATES + k, lights, from);
@@ -431,7 +444,8 @@ pub fn add_seen_light(
     }
     let from = (point.position + point.normal * p.ray_offset, point.normal);
     let first = first_sample(p, index);
-    let (mut seen, mut all) = (Vec3::ZERO, Vec3::ZERO);
+    let mut seen = Vec3::ZERO;
+    let mut all = Vec3::ZERO;
     for slot in 0..p.light_count {
         if lights.lights[slot as usize].kind == LIGHT_RECT {
             let found = rect_samples(p, first, slot, &lights.lights[slot as usize], from, medium, occluded);
@@ -512,11 +526,15 @@ pub fn shadowed_light(
     }
     let here = points[i];
     let own = grey_share(seen[i], all[i]);
-    let (x, y) = ((index % p.width) as i32, (index / p.width) as i32);
-    let (mut seen_sum, mut all_sum) = (Vec3::ZERO, Vec3::ZERO);
+    let x = (index % p.width) as i32;
+    let y = (index / p.width) as i32;
+    let mut seen_sum = Vec3::ZERO;
+    let mut all_sum = Vec3::ZERO;
     for step in 0..(2 * REACH + 1) * (2 * REACH + 1) {
-        let (dx, dy) = (step % (2 * REACH + 1) - REACH, step / (2 * REACH + 1) - REACH);
-        let (at_x, at_y) = (x + dx, y + dy);
+        let dx = step % (2 * REACH + 1) - REACH;
+        let dy = step / (2 * REACH + 1) - REACH;
+        let at_x = x + dx;
+        let at_y = y + dy;
         if at_x >= 0 && at_y >= 0 && at_x < p.width as i32 && at_y < p.height as i32 {
             let j = (at_y as u32 * p.width + at_x as u32 - p.first_about) as usize;
             let there = points[j];

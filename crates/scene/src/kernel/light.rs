@@ -93,11 +93,14 @@ pub fn sky_radiance(sky: &Sky, map: &[Vec4], direction: Vec3) -> Vec3 {
     if sky.map_width == 0 {
         return sky.radiance;
     }
-    let (width, height) = (sky.map_width, sky.map_height);
+    let width = sky.map_width;
+    let height = sky.map_height;
     let x = (0.5 + atan2(direction.x, -direction.z) * (0.5 / PI)) * width as f32 - 0.5;
     let y = acos(direction.y) * (1.0 / PI) * height as f32 - 0.5;
-    let (x_floor, y_floor) = (floor(x), floor(y));
-    let (fx, fy) = (x - x_floor, y - y_floor);
+    let x_floor = floor(x);
+    let y_floor = floor(y);
+    let fx = x - x_floor;
+    let fy = y - y_floor;
     let x0 = if x_floor < 0.0 { width - 1 } else { x_floor as u32 % width };
     let x1 = if x0 + 1 < width { x0 + 1 } else { 0 };
     let y0 = if y_floor < 0.0 { 0 } else { y_floor as u32 };
@@ -111,7 +114,8 @@ pub fn sky_radiance(sky: &Sky, map: &[Vec4], direction: Vec3) -> Vec3 {
 /// The first emitter whose cumulative probability exceeds `x`.
 #[inline]
 pub fn pick_emitter(emitters: &[Emitter], count: u32, x: f32) -> u32 {
-    let (mut low, mut high) = (0u32, count - 1);
+    let mut low = 0u32;
+    let mut high = count - 1;
     while low < high {
         let middle = (low + high) / 2;
         if emitters[middle as usize].cumulative > x {
@@ -128,7 +132,8 @@ pub fn pick_emitter(emitters: &[Emitter], count: u32, x: f32) -> u32 {
 #[inline]
 fn coupling(to: Vec3, normal: Vec3, target_normal: Vec3) -> f32 {
     let squared = to.length_squared();
-    let (here, there) = (to.dot(normal), -to.dot(target_normal));
+    let here = to.dot(normal);
+    let there = -to.dot(target_normal);
     if here > 0.0 && there > 0.0 { here * there / (squared * squared) } else { 0.0 }
 }
 
@@ -329,8 +334,11 @@ pub fn meet_rect(light: &Light, origin: Vec3, direction: Vec3, t_max: f32) -> f3
     let t = (light.position - origin).dot(n) / facing;
     let d = origin + direction * t - light.position;
     // Coordinates along the edges, by Cramer's rule in the plane.
-    let (aa, ab, bb) = (light.edge_a.dot(light.edge_a), light.edge_a.dot(light.edge_b), light.edge_b.dot(light.edge_b));
-    let (da, db) = (d.dot(light.edge_a), d.dot(light.edge_b));
+    let aa = light.edge_a.dot(light.edge_a);
+    let ab = light.edge_a.dot(light.edge_b);
+    let bb = light.edge_b.dot(light.edge_b);
+    let da = d.dot(light.edge_a);
+    let db = d.dot(light.edge_b);
     let inverse = 1.0 / (aa * bb - ab * ab);
     let uv = Vec2::new((da * bb - db * ab) * inverse, (db * aa - da * ab) * inverse);
     if t > 0.0 && t < t_max && uv.x >= 0.0 && uv.y >= 0.0 && uv.x <= 1.0 && uv.y <= 1.0 { t } else { FAR }

@@ -120,7 +120,8 @@ pub fn follow_primary(
     let mut first = 0.0;
     while chain.surfaces < MAX_SURFACES {
         let mut hit = closest_hit(g, origin, chain.direction, FAR);
-        let (mut nearest, mut rect) = (if hit.triangle == NONE { FAR } else { hit.t }, NONE);
+        let mut nearest = if hit.triangle == NONE { FAR } else { hit.t };
+        let mut rect = NONE;
         for k in 0..light_count {
             let t = meet_rect(&lights.lights[k as usize], origin, chain.direction, nearest);
             if t < nearest {

@@ -8,7 +8,8 @@ use crate::types::Texture;
 /// A texel: linear r, g, b and a in [0, 1]. `index` counts texels.
 #[inline]
 pub fn texel(texels: &[u32], index: u32) -> Vec4 {
-    let (rg, ba) = (texels[2 * index as usize], texels[2 * index as usize + 1]);
+    let rg = texels[2 * index as usize];
+    let ba = texels[2 * index as usize + 1];
     Vec4::new((rg & 0xffff) as f32, (rg >> 16) as f32, (ba & 0xffff) as f32, (ba >> 16) as f32) * (1.0 / 65_535.0)
 }
 
@@ -16,7 +17,9 @@ pub fn texel(texels: &[u32], index: u32) -> Vec4 {
 #[inline]
 pub fn sample(texture: Texture, texels: &[u32], uv: Vec2, level: u32) -> Vec4 {
     let level = if level < texture.levels { level } else { texture.levels - 1 };
-    let (mut width, mut height, mut offset) = (texture.width, texture.height, texture.offset);
+    let mut width = texture.width;
+    let mut height = texture.height;
+    let mut offset = texture.offset;
     for _ in 0..level {
         offset += width * height;
         width = if width > 1 { width >> 1 } else { 1 };
@@ -24,8 +27,10 @@ pub fn sample(texture: Texture, texels: &[u32], uv: Vec2, level: u32) -> Vec4 {
     }
     let x = (uv.x - floor(uv.x)) * width as f32 - 0.5;
     let y = (1.0 - (uv.y - floor(uv.y))) * height as f32 - 0.5;
-    let (x_floor, y_floor) = (floor(x), floor(y));
-    let (fx, fy) = (x - x_floor, y - y_floor);
+    let x_floor = floor(x);
+    let y_floor = floor(y);
+    let fx = x - x_floor;
+    let fy = y - y_floor;
     let x0 = wrap(x_floor as i32, width);
     let x1 = wrap(x_floor as i32 + 1, width);
     let y0 = wrap(y_floor as i32, height);

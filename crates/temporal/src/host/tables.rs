@@ -64,7 +64,8 @@ impl Row {
         loop {
             let all = (entries.len() as u64 * u64::from(PARTS)) as f64;
             let sum: f64 = entries.iter().map(|entry| entry.1).sum();
-            let (mut exact, mut given) = (0.0, 0.0f64);
+            let mut exact = 0.0;
+            let mut given = 0.0f64;
             row.weights = entries
                 .iter()
                 .map(|entry| {
@@ -91,7 +92,8 @@ impl Row {
         let mut row = Self::new(entries);
         let mut owed = [0.0f32; 2];
         let codes = row.columns.iter().zip(&row.weights).map(|(&j, &weight)| {
-            let (c, weight) = (columns[j as usize], weight as f32);
+            let c = columns[j as usize];
+            let weight = weight as f32;
             let y = luminance(c);
             // At most what luminance leaves for it.
             let mut code = |k: usize, value: f32, most: f32, left: f32| {
@@ -185,7 +187,8 @@ impl AliasTables {
             }
             Packing::Split => {
                 let weights: Vec<u32> = made.iter().flat_map(|row| row.weights.iter().copied()).collect();
-                let (mut scan, mut slots) = (vec![UVec2::ZERO; entries], vec![0; entries]);
+                let mut scan = vec![UVec2::ZERO; entries];
+                let mut slots = vec![0; entries];
                 scan_all(&row_start, &weights, &mut scan);
                 pack_all(rows as u32, &row_start, &weights, &scan, &mut slots);
                 slots
@@ -228,7 +231,8 @@ impl AliasTables {
         let (Some(&first), Some(&end)) = (self.row_start.get(i), self.row_start.get(i + 1)) else { return Vec::new() };
         let mut weights = vec![0u64; (end - first) as usize];
         for (k, own) in self.slots[first as usize..end as usize].iter().enumerate() {
-            let (t, other) = (u64::from(own >> 16), (own & 0xffff) as usize);
+            let t = u64::from(own >> 16);
+            let other = (own & 0xffff) as usize;
             weights[k] += t;
             weights[other] += u64::from(PARTS) - t;
         }

@@ -99,9 +99,13 @@ pub fn sample_row(
 ) -> Vec4 {
     let first = first_word(row, p);
     let scale = sum / p.samples as f32;
-    let (is_control, is_auto) = (has(p.options, CONTROL), has(p.options, AUTO));
+    let is_control = has(p.options, CONTROL);
+    let is_auto = has(p.options, AUTO);
     let mut light = Vec3::ZERO;
-    let (mut mean, mut squares, mut moved, mut spread) = (0.0, 0.0, 0.0, 0.0);
+    let mut mean = 0.0;
+    let mut squares = 0.0;
+    let mut moved = 0.0;
+    let mut spread = 0.0;
     // One loop for all: a closure over buffers that is called at several places does not compile for the GPU.
     for k in 0..p.samples {
         let (column, color) = pick(word(first, k, p));
@@ -185,7 +189,8 @@ pub fn sample_list(
     if count == 0 {
         return Vec4::ZERO;
     }
-    let (first, options) = (first - p.first_entry, p.options);
+    let first = first - p.first_entry;
+    let options = p.options;
     let pick = move |x: u32| (column_at(first + wide_product(x, count).0, columns, options), Vec3::ONE);
     sample_row(p.first_row + i, p, sums[i as usize], pick, exitance, change, previous)
 }
@@ -200,7 +205,8 @@ pub fn summed_row(k: u32, p: &SumParams) -> u32 {
 /// Exact irradiance of row `i` of a block of lists, `S/L Σ_e B_e`, W/m²; shapes as for [`sample_list`].
 #[inline]
 pub fn sum_list(i: u32, p: &SumParams, row_start: &[u32], columns: &[u32], sums: &[f32], exitance: &[Vec4]) -> Vec3 {
-    let (first, end) = (row_start[i as usize] - p.first_entry, row_start[i as usize + 1] - p.first_entry);
+    let first = row_start[i as usize] - p.first_entry;
+    let end = row_start[i as usize + 1] - p.first_entry;
     if first == end {
         return Vec3::ZERO;
     }

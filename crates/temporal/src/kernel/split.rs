@@ -16,8 +16,10 @@ use super::tables::PARTS;
 /// Shapes: `weights[row_start[rows]]`; the row's part of the sums goes to `scan` from `row_start[row] − base` on.
 #[inline]
 pub fn scan_row(row: u32, row_start: &[u32], weights: &[u32], base: u32, scan: &mut [UVec2]) {
-    let (first, end) = (row_start[row as usize], row_start[row as usize + 1]);
-    let (mut place, mut sum) = (first - base, 0);
+    let first = row_start[row as usize];
+    let end = row_start[row as usize + 1];
+    let mut place = first - base;
+    let mut sum = 0;
     for entry in first..end {
         let weight = weights[entry as usize];
         if weight < PARTS {
@@ -40,7 +42,8 @@ pub fn scan_row(row: u32, row_start: &[u32], weights: &[u32], base: u32, scan: &
 /// Row that owns an entry.
 #[inline]
 pub fn row_of(entry: u32, rows: u32, row_start: &[u32]) -> u32 {
-    let (mut low, mut high) = (0, rows);
+    let mut low = 0;
+    let mut high = rows;
     while high - low > 1 {
         let middle = (low + high) / 2;
         if row_start[middle as usize] <= entry {
@@ -64,9 +67,11 @@ pub fn slot(t: u32, own: u32, other: u32) -> u32 {
 #[inline]
 pub fn pack_entry(entry: u32, rows: u32, row_start: &[u32], weights: &[u32], scan: &[UVec2]) -> u32 {
     let row = row_of(entry, rows, row_start);
-    let (first, end) = (row_start[row as usize], row_start[row as usize + 1]);
+    let first = row_start[row as usize];
+    let end = row_start[row as usize + 1];
     // The first heavy one.
-    let (mut low, mut high) = (first, end);
+    let mut low = first;
+    let mut high = end;
     while low < high {
         let middle = (low + high) / 2;
         if weights[(first + scan[middle as usize].x) as usize] < PARTS {
@@ -92,7 +97,8 @@ pub fn pack_entry(entry: u32, rows: u32, row_start: &[u32], weights: &[u32], sca
     let at = scan[low as usize];
     if weight < PARTS {
         // Filled by the first heavy one that lasts longer than what was lacking before.
-        let (mut a, mut b) = (heavy, end - 1);
+        let mut a = heavy;
+        let mut b = end - 1;
         while a < b {
             let middle = (a + b) / 2;
             if scan[middle as usize].y > at.y {
@@ -104,7 +110,8 @@ pub fn pack_entry(entry: u32, rows: u32, row_start: &[u32], weights: &[u32], sca
         return slot(weight, own, scan[a as usize].x);
     }
     // What those lack that begin before it is used up: the sum before the first that does not.
-    let (mut a, mut b) = (first, heavy);
+    let mut a = first;
+    let mut b = heavy;
     while a < b {
         let middle = (a + b) / 2;
         if scan[middle as usize].y < at.y {

@@ -28,7 +28,8 @@ pub fn decode(code: u32, most: f32) -> f32 {
 #[inline]
 pub fn color_at(entry: u32, colors: &[u32]) -> Vec3 {
     let codes = colors[(entry / 2) as usize] >> (16 * (entry % 2));
-    let (red, blue) = (decode(codes & 0xff, MAX_RED), decode(codes >> 8 & 0xff, MAX_BLUE));
+    let red = decode(codes & 0xff, MAX_RED);
+    let blue = decode(codes >> 8 & 0xff, MAX_BLUE);
     let green = (1.0 - 0.2126 * red - 0.0722 * blue) * (1.0 / 0.7152);
     Vec3::new(red, if green > 0.0 { green } else { 0.0 }, blue)
 }
@@ -64,7 +65,8 @@ pub fn sample_table(
     if count == 0 {
         return Vec4::ZERO;
     }
-    let (first, options) = (first - p.first_entry, p.options);
+    let first = first - p.first_entry;
+    let options = p.options;
     let pick = move |x: u32| {
         let entry = first + draw(x, first, count, slots);
         let color = if has(options, COLORED) { color_at(entry, colors) } else { Vec3::ONE };
@@ -87,7 +89,8 @@ pub fn sum_table(
     sums: &[f32],
     exitance: &[Vec4],
 ) -> Vec3 {
-    let (first, end) = (row_start[i as usize] - p.first_entry, row_start[i as usize + 1] - p.first_entry);
+    let first = row_start[i as usize] - p.first_entry;
+    let end = row_start[i as usize + 1] - p.first_entry;
     if first == end {
         return Vec3::ZERO;
     }
@@ -98,7 +101,8 @@ pub fn sum_table(
     let mut sum = Vec3::ZERO;
     for entry in first..end {
         let own = slots[entry as usize];
-        let (t, other) = (own >> 16, first + (own & 0xffff).min(end - first - 1));
+        let t = own >> 16;
+        let other = first + (own & 0xffff).min(end - first - 1);
         if other == entry {
             sum += light(entry);
         } else {

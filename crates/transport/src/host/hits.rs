@@ -149,7 +149,8 @@ impl HitCounts {
         check_length("groups", self.scales.len(), groups.last().map_or(0, |&end| end as usize))?;
         check_length("owner", self.columns, owner.len())?;
         let row = |range: &[u32]| {
-            let (first, end) = (range[0] as usize, range[1] as usize);
+            let first = range[0] as usize;
+            let end = range[1] as usize;
             let mut sums: Vec<(u32, f32)> = Vec::new();
             for (k, weight) in (first..end).zip(&weights[first..end]) {
                 let share = weight * self.scales[k];
@@ -291,8 +292,10 @@ type Table = [Vec4; MAX_COLUMNS];
 fn row_sum(quads: &[UVec2], counts: &[u8], exitance: &Table) -> Vec4 {
     let b = |column: u32| exitance[column as usize];
     let light = |quad: UVec2| (b(quad.x & 0xffff) + b(quad.x >> 16)) + (b(quad.y & 0xffff) + b(quad.y >> 16));
-    let (mut even, mut odd) = (Vec4::ZERO, Vec4::ZERO);
-    let (quads, counts) = (quads.chunks_exact(2), counts.chunks_exact(2));
+    let mut even = Vec4::ZERO;
+    let mut odd = Vec4::ZERO;
+    let quads = quads.chunks_exact(2);
+    let counts = counts.chunks_exact(2);
     let last = quads.remainder().iter().zip(counts.remainder());
     for (quads, counts) in quads.zip(counts) {
         even += light(quads[0]) * f32::from(counts[0]);

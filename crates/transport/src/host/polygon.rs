@@ -80,7 +80,9 @@ impl Polygon {
             .ok_or(Error::PolygonShape { corner: 0, reason: "belongs to an outline without area" })?;
         let n = polygon.count;
         for corner in 0..n {
-            let (a, b, c) = (table[corner], table[(corner + 1) % n], table[(corner + 2) % n]);
+            let a = table[corner];
+            let b = table[(corner + 1) % n];
+            let c = table[(corner + 2) % n];
             if (a - polygon.centroid).dot(polygon.normal).abs() > 1e-4 * polygon.radius {
                 return Err(Error::PolygonShape { corner, reason: "lies off the plane of the others" });
             }
@@ -129,7 +131,8 @@ impl Polygon {
     pub fn clip(&self, origin: DVec3, normal: DVec3) -> Option<Self> {
         let margin = 1e-7 * (self.centroid - origin).abs().max_element().max(self.radius);
         let mut heights = [0.0; CAPACITY];
-        let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
+        let mut low = f64::INFINITY;
+        let mut high = f64::NEG_INFINITY;
         for (height, corner) in heights.iter_mut().zip(self.corners()) {
             *height = (*corner - origin).dot(normal);
             low = low.min(*height);
@@ -141,10 +144,14 @@ impl Polygon {
         if low >= -margin {
             return Some(*self);
         }
-        let (mut corners, mut count) = ([DVec3::ZERO; CAPACITY], 0);
+        let mut corners = [DVec3::ZERO; CAPACITY];
+        let mut count = 0;
         for k in 0..self.count {
             let next = (k + 1) % self.count;
-            let (p, q, hp, hq) = (self.corners[k], self.corners[next], heights[k], heights[next]);
+            let p = self.corners[k];
+            let q = self.corners[next];
+            let hp = heights[k];
+            let hq = heights[next];
             if hp >= 0.0 && count < CAPACITY {
                 corners[count] = p;
                 count += 1;
@@ -160,7 +167,8 @@ impl Polygon {
     /// Distance of a point from the polygon, m.
     pub fn distance(&self, point: DVec3) -> f64 {
         let height = (point - self.corners[0]).dot(self.normal);
-        let (mut inside, mut nearest) = (true, f64::INFINITY);
+        let mut inside = true;
+        let mut nearest = f64::INFINITY;
         for k in 0..self.count {
             let a = self.corners[k];
             let edge = self.corners[(k + 1) % self.count] - a;

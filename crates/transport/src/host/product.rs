@@ -69,7 +69,8 @@ impl WithSimd for GatherHalf<'_> {
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) -> Self::Output {
         let length = self.rows[0].len();
-        let (e, o) = (&self.even.0, &self.odd.0);
+        let e = &self.even.0;
+        let o = &self.odd.0;
         let (er, er_tail) = S::as_simd_f32s(&e[0][..length]);
         let (eg, eg_tail) = S::as_simd_f32s(&e[1][..length]);
         let (eb, eb_tail) = S::as_simd_f32s(&e[2][..length]);
@@ -79,11 +80,19 @@ impl WithSimd for GatherHalf<'_> {
         let split = |k: usize| S::as_simd_u32s(&self.rows[k][..length]);
         let ((w0, t0), (w1, t1), (w2, t2), (w3, t3)) = (split(0), split(1), split(2), split(3));
         let n = er.len();
-        let (eg, eb, or, og, ob) = (&eg[..n], &eb[..n], &or[..n], &og[..n], &ob[..n]);
-        let (w0, w1, w2, w3) = (&w0[..n], &w1[..n], &w2[..n], &w3[..n]);
+        let eg = &eg[..n];
+        let eb = &eb[..n];
+        let or = &or[..n];
+        let og = &og[..n];
+        let ob = &ob[..n];
+        let w0 = &w0[..n];
+        let w1 = &w1[..n];
+        let w2 = &w2[..n];
+        let w3 = &w3[..n];
         let mut sums = [[simd.splat_f32s(0.0); 3]; ROWS];
         for k in 0..n {
-            let (even, odd) = ([er[k], eg[k], eb[k]], [or[k], og[k], ob[k]]);
+            let even = [er[k], eg[k], eb[k]];
+            let odd = [or[k], og[k], ob[k]];
             let words = [w0[k], w1[k], w2[k], w3[k]];
             for row in 0..ROWS {
                 let low = widen_simd::<S, false>(simd, words[row]);
@@ -94,7 +103,9 @@ impl WithSimd for GatherHalf<'_> {
                 }
             }
         }
-        let (tails, even, odd) = ([t0, t1, t2, t3], [er_tail, eg_tail, eb_tail], [or_tail, og_tail, ob_tail]);
+        let tails = [t0, t1, t2, t3];
+        let even = [er_tail, eg_tail, eb_tail];
+        let odd = [or_tail, og_tail, ob_tail];
         let mut out = [Vec4::ZERO; ROWS];
         for row in 0..ROWS {
             for c in 0..3 {
@@ -126,7 +137,12 @@ impl WithSimd for Gather<'_> {
         let split = |k: usize| S::as_simd_f32s(&self.rows[k][..length]);
         let ((f0, t0), (f1, t1), (f2, t2), (f3, t3)) = (split(0), split(1), split(2), split(3));
         let n = r.len();
-        let (g, b, f0, f1, f2, f3) = (&g[..n], &b[..n], &f0[..n], &f1[..n], &f2[..n], &f3[..n]);
+        let g = &g[..n];
+        let b = &b[..n];
+        let f0 = &f0[..n];
+        let f1 = &f1[..n];
+        let f2 = &f2[..n];
+        let f3 = &f3[..n];
         let mut sums = [[simd.splat_f32s(0.0); 3]; ROWS];
         for k in 0..n {
             let color = [r[k], g[k], b[k]];
@@ -164,7 +180,8 @@ impl LinearOperator for Dense {
     fn apply(&self, exitance: &[Vec4], irradiance: &mut [Vec4]) -> Result<(), Error> {
         self.check_vectors(exitance, irradiance)?;
         check_length("values", self.rows * self.columns, self.values.len())?;
-        let (planes, arch) = (Planes::new(exitance), Arch::new());
+        let planes = Planes::new(exitance);
+        let arch = Arch::new();
         irradiance.par_chunks_mut(TASK_ROWS).enumerate().for_each(|(task, out)| {
             for (group, out) in out.chunks_mut(ROWS).enumerate() {
                 let first = task * TASK_ROWS + group * ROWS;
@@ -199,7 +216,9 @@ impl LinearOperator for Half {
                 plane
             }))
         };
-        let (even, odd, arch) = (every_other(0), every_other(1), Arch::new());
+        let even = every_other(0);
+        let odd = every_other(1);
+        let arch = Arch::new();
         irradiance.par_chunks_mut(TASK_ROWS).enumerate().for_each(|(task, out)| {
             for (group, out) in out.chunks_mut(ROWS).enumerate() {
                 let first = task * TASK_ROWS + group * ROWS;
@@ -226,10 +245,13 @@ impl LinearOperator for Csr {
         self.check_vectors(exitance, irradiance)?;
         self.check()?;
         irradiance.par_iter_mut().enumerate().with_min_len(TASK_ROWS).for_each(|(i, out)| {
-            let (first, end) = (self.row_start[i] as usize, self.row_start[i + 1] as usize);
+            let first = self.row_start[i] as usize;
+            let end = self.row_start[i + 1] as usize;
             // Two sums: an addition takes longer than the loads.
-            let (mut even, mut odd) = (Vec4::ZERO, Vec4::ZERO);
-            let (columns, values) = (&self.column_index[first..end], &self.values[first..end]);
+            let mut even = Vec4::ZERO;
+            let mut odd = Vec4::ZERO;
+            let columns = &self.column_index[first..end];
+            let values = &self.values[first..end];
             for (c, v) in columns.chunks(2).zip(values.chunks(2)) {
                 even += exitance[c[0] as usize] * v[0];
                 if let (Some(&c), Some(&v)) = (c.get(1), v.get(1)) {
@@ -293,7 +315,8 @@ mod tests {
             let values = (0..rows * columns).map(|k| if k % 5 == 0 { 0.0 } else { random(k, 0) }).collect();
             let dense = Dense::new(rows, columns, values).unwrap();
             let b: Vec<Vec4> = (0..columns).map(|k| Vec4::new(random(k, 1), random(k, 2), random(k, 3), 0.0)).collect();
-            let (half, csr) = (dense.to_half(), dense.to_csr(0.0).unwrap());
+            let half = dense.to_half();
+            let csr = dense.to_csr(0.0).unwrap();
             let mut h = [vec![Vec4::ZERO; rows], vec![Vec4::ZERO; rows], vec![Vec4::ZERO; rows]];
             dense.apply(&b, &mut h[0]).unwrap();
             half.apply(&b, &mut h[1]).unwrap();
@@ -301,7 +324,8 @@ mod tests {
             let unpack =
                 |w: u32| Vec2::new(f16::from_bits(w as u16).to_f32(), f16::from_bits((w >> 16) as u16).to_f32());
             for (i, _) in h[0].iter().enumerate() {
-                let (row, n) = (i as u32, columns as u32);
+                let row = i as u32;
+                let n = columns as u32;
                 let expected = [
                     gather_row(row, n, &dense.values, &b),
                     gather_row_packed(row, n, &half.words, &b, unpack),

@@ -69,8 +69,10 @@ fn cell_place(divisions: u32, cell: u32) -> (u32, u32, u32) {
 pub fn cell_corners(divisions: u32, cell: u32) -> (Vec2, Vec2, Vec2) {
     let (i, j, half) = cell_place(divisions, cell);
     let n = divisions as f32;
-    let (u0, v0) = (i as f32 / n, j as f32 / n);
-    let (u1, v1) = ((i + 1) as f32 / n, (j + 1) as f32 / n);
+    let u0 = i as f32 / n;
+    let v0 = j as f32 / n;
+    let u1 = (i + 1) as f32 / n;
+    let v1 = (j + 1) as f32 / n;
     if half == 0 {
         (Vec2::new(u0, v0), Vec2::new(u1, v0), Vec2::new(u0, v1))
     } else {
@@ -83,7 +85,8 @@ pub fn cell_corners(divisions: u32, cell: u32) -> (Vec2, Vec2, Vec2) {
 pub fn place_in_cell(divisions: u32, u: f32, v: f32) -> (u32, f32, f32) {
     let (i, j, half) = locate(divisions, u, v);
     let n = divisions as f32;
-    let (x, y) = (u * n - i as f32, v * n - j as f32);
+    let x = u * n - i as f32;
+    let y = v * n - j as f32;
     let cell = cell_at(divisions, u, v);
     if half == 0 { (cell, x, y) } else { (cell, 1.0 - x, 1.0 - y) }
 }

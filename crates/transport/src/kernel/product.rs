@@ -72,7 +72,10 @@ impl RowSums {
     /// the four columns are one vector, `exitance` is that of the four columns.
     #[inline]
     pub fn add(self, a: Vec4, b: Vec4, c: Vec4, d: Vec4, exitance: (Vec4, Vec4, Vec4, Vec4)) -> Self {
-        let (p, q, r, s) = (exitance.0.truncate(), exitance.1.truncate(), exitance.2.truncate(), exitance.3.truncate());
+        let p = exitance.0.truncate();
+        let q = exitance.1.truncate();
+        let r = exitance.2.truncate();
+        let s = exitance.3.truncate();
         Self {
             a: self.a + p * a.x + q * a.y + r * a.z + s * a.w,
             b: self.b + p * b.x + q * b.y + r * b.z + s * b.w,
@@ -99,8 +102,10 @@ pub fn gather_lane(
     factors: impl Fn(u32, u32) -> Vec4,
     exitance: impl Fn(u32) -> Vec4,
 ) -> RowSums {
-    let (a, b) = (clamp_row(first_row, p.rows), clamp_row(first_row + 1, p.rows));
-    let (c, d) = (clamp_row(first_row + 2, p.rows), clamp_row(first_row + 3, p.rows));
+    let a = clamp_row(first_row, p.rows);
+    let b = clamp_row(first_row + 1, p.rows);
+    let c = clamp_row(first_row + 2, p.rows);
+    let d = clamp_row(first_row + 3, p.rows);
     let mut sums = RowSums { a: Vec3::ZERO, b: Vec3::ZERO, c: Vec3::ZERO, d: Vec3::ZERO };
     let mut vector = lane;
     while vector < p.vectors {

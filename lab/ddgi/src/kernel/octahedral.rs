@@ -71,10 +71,12 @@ pub fn sample<T: Copy + Add<Output = T> + Mul<f32, Output = T>>(
     // Texel centres are at half numbers, and the border is one texel.
     let p = encode(direction);
     let scale = 0.5 * edge as f32;
-    let (px, py) = ((p.x + 1.0) * scale + 0.5, (p.y + 1.0) * scale + 0.5);
+    let px = (p.x + 1.0) * scale + 0.5;
+    let py = (p.y + 1.0) * scale + 0.5;
     let x = lesser(px as u32, edge);
     let y = lesser(py as u32, edge);
-    let (fx, fy) = (px - x as f32, py - y as f32);
+    let fx = px - x as f32;
+    let fy = py - y as f32;
     let first = (y * (edge + 2) + x) as usize;
     let second = first + edge as usize + 2;
     (texel(first) * (1.0 - fx) + texel(first + 1) * fx) * (1.0 - fy)

@@ -133,7 +133,8 @@ impl Numbers<'_> {
                 if holds { Verdict::Holds } else { Verdict::Fails }
             }
         };
-        let (ours, reason) = (self.text(&claim.ours)?, self.text(&claim.reason)?);
+        let ours = self.text(&claim.ours)?;
+        let reason = self.text(&claim.reason)?;
         let cells = [&claim.source, &claim.claim, &claim.theirs, &ours, &claim.command, &reason];
         if cells.into_iter().any(|cell| cell.trim().is_empty()) {
             return Err("an empty cell".to_owned());

@@ -239,7 +239,8 @@ impl Measuring<'_> {
     /// Pictures of two frames and the mean of all frames.
     fn pictures(&self, renderer: &mut PictureRenderer) -> Result<Shown, Error> {
         let Self { args, subject, progress, .. } = *self;
-        let (loaded, size) = (&subject.loaded, subject.truth.size());
+        let loaded = &subject.loaded;
+        let size = subject.truth.size();
         let lighting = with_lights(&loaded.scene, &loaded.scene.lighting.lights);
         let camera = loaded.view.camera(size.0, size.1);
         let frames = args.frames().max(2);
@@ -251,7 +252,8 @@ impl Measuring<'_> {
                 }
                 Ok(done.pictures)
             };
-            let (first, second) = (render(0)?, render(1)?);
+            let first = render(0)?;
+            let second = render(1)?;
             let mut mean = sum(&first, &second)?;
             for number in 2..frames {
                 mean = sum(&mean, &render(number)?)?;
@@ -289,7 +291,8 @@ fn write_figures(folder: &Path, subject: &Subject, shown: &Shown) -> Result<Vec<
     let scale = indirect_scale(&truth.pictures.indirect);
     let indirect_stops = scale_to_stops(scale);
     let full_scale = stops_to_scale(stops);
-    let (full, indirect) = (truth.full(), truth.indirect());
+    let full = truth.full();
+    let indirect = truth.indirect();
     let blotches = indirect.blotch_picture(&shown.mean.indirect, BLOTCH_EDGE, BLOTCH_RANGE)?;
     let noise = noise_picture(&shown.first.full, &shown.second.full, full_scale)?;
     let drawn: [(&str, &str, &Picture, f32); 9] = [
@@ -352,8 +355,8 @@ fn percent_or_none(share: Option<f64>) -> String {
 fn noise_text(noise: Option<&KeptNoise>) -> String {
     let Some(KeptNoise { full, indirect, .. }) = noise else { return String::new() };
     format!(
-        "; standard error of a pixel {:.2} % of all light, {:.2} % of indirect light (medians); it hides leaks at {:.2} % and \
-         stains at {:.2} % of the pixels of indirect light",
+        "; standard error of a pixel {:.2} % of all light, {:.2} % of indirect light (medians); it hides leaks at \
+         {:.2} % and stains at {:.2} % of the pixels of indirect light",
         100.0 * full.median_relative_standard_error,
         100.0 * indirect.median_relative_standard_error,
         100.0 * indirect.leaks_hidden_share,
@@ -375,9 +378,10 @@ fn summary_line(row: &Row) -> String {
 fn tables(outcomes: &[Outcome]) -> Vec<Table> {
     let head = ["scene", "patches", "noise %", "leaks %", "stains %", "blotches 16 / 32 / 64, %", "bake s"];
     let faults = Table {
-        caption: "Shares of pixels. Noise: two frames of one bake differ by more than 1/255. Of indirect light, mean of all \
-                  frames: leaks, brighter than the reference by more than 10 % of the mean indirect light; stains, darker by \
-                  more than 25 %; blotches, 95th percentile of the relative errors of means over squares."
+        caption: "Shares of pixels. Noise: two frames of one bake differ by more than 1/255. Of indirect light, mean \
+                  of all frames: leaks, brighter than the reference by more than 10 % of the mean indirect light; \
+                  stains, darker by more than 25 %; blotches, 95th percentile of the relative errors of means over \
+                  squares."
             .to_owned(),
         head: head.map(str::to_owned).to_vec(),
         rows: outcomes.iter().map(|outcome| fault_cells(&outcome.row)).collect(),
@@ -417,10 +421,10 @@ fn energy_table(outcomes: &[Outcome]) -> Table {
     ];
     let rows = outcomes.iter().map(|outcome| energy_cells(outcomes, &outcome.row));
     Table {
-        caption: "Indirect light over patches. Balance: light that all patches send alike and that is neither absorbed nor \
-                  escapes, or that comes from nowhere. Shown / rays: mean indirect light of receivers over that of 65,536 rays, \
-                  in the focus and far off, with its standard error. Rises: the block median exceeds that of fewer \
-                  patches by more than a twentieth."
+        caption: "Indirect light over patches. Balance: light that all patches send alike and that is neither \
+                  absorbed nor escapes, or that comes from nowhere. Shown / rays: mean indirect light of receivers \
+                  over that of 65,536 rays, in the focus and far off, with its standard error. Rises: the block \
+                  median exceeds that of fewer patches by more than a twentieth."
             .to_owned(),
         head: head.map(str::to_owned).to_vec(),
         rows: rows.collect(),
@@ -484,8 +488,8 @@ fn write_report(machine: &Machine, args: &Bench, outcomes: &[Outcome], out: &Pat
     let introduction = [
         machine.sentence(),
         format!(
-            "Pictures of {} sub-frames a pixel; leaks, stains and blotches are counted in the mean of {} of them. A difference \
-             counts only where it exceeds three standard errors of the reference.",
+            "Pictures of {} sub-frames a pixel; leaks, stains and blotches are counted in the mean of {} of them. A \
+             difference counts only where it exceeds three standard errors of the reference.",
             args.sub_frames,
             args.frames().max(2)
         ),

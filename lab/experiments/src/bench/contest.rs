@@ -274,7 +274,8 @@ const COLUMNS: usize = 4;
 /// Pictures of the same size in one, from left to right, then down; `stops` exposes them.
 pub fn side_by_side(pictures: &[Picture], path: &std::path::Path, stops: f32) -> Result<(), Error> {
     let Some(first) = pictures.first() else { return Ok(()) };
-    let (width, height) = (first.width as usize, first.height as usize);
+    let width = first.width as usize;
+    let height = first.height as usize;
     let lines = pictures.len().div_ceil(COLUMNS);
     let mut all = Picture::new((COLUMNS * width) as u32, (lines * height) as u32);
     for (number, picture) in pictures.iter().enumerate() {

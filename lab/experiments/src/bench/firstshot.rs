@@ -196,11 +196,14 @@ fn introduction(machine: &Machine) -> Vec<String> {
     vec![
         format!("Measured on {}, {} threads.", machine.cpu, machine.threads),
         format!(
-            "{LIGHTS} point and spot lights of equal power in the free air of each scene, textures on. The error is that of \
-             the indirect irradiance of {COUNT} patches or about (cells of a voxel that face one way), √(Σ A σ² / Σ A H²) by independent batches."
+            "{LIGHTS} point and spot lights of equal power in the free air of each scene, textures on. The error is \
+             that of the indirect irradiance of {COUNT} patches or about (cells of a voxel that face one way), √(Σ A \
+             σ² / Σ A H²) by independent batches."
         ),
-        "First shot starts reflected photons from light elements, the parts of triangles that lights fall on, with a shadow ray each; by \
-         the table alone without. What is as printed is Kopylov's algorithm 1, Cardano's formula, the brightest texel, and no shadow ray. Seconds are those of the table of light elements, and of tracing with accumulation."
+        "First shot starts reflected photons from light elements, the parts of triangles that lights fall on, with a \
+         shadow ray each; by the table alone without. What is as printed is Kopylov's algorithm 1, Cardano's formula, \
+         the brightest texel, and no shadow ray. Seconds are those of the table of light elements, and of tracing \
+         with accumulation."
             .to_owned(),
     ]
 }
@@ -228,7 +231,8 @@ fn measure(common: &Common, args: &Bench, name: &str, measured: &mut Measured) -
         measured.rows.push(run.row.clone());
         if way.first_shot.is_some() && sequences == Sequences::Sobol {
             let Row { scene, elements, table_s, .. } = run.row.clone();
-            let (what, shadow_rays) = (way.name, run.shadow_rays);
+            let what = way.name;
+            let shadow_rays = run.shadow_rays;
             measured.direct_light.push(DirectLight { scene, what, parts: elements, shadow_rays, seconds: table_s });
         }
         if way.first_shot.is_none() && sequences == Sequences::Sobol {
@@ -579,8 +583,9 @@ fn table(rows: &[Row]) -> Table {
             both.map(|(found, expected)| format!("{:.2} / {:.2}", 100.0 * found, 100.0 * expected)).unwrap_or_default(),
         ]
     };
-    let caption = "Photons, photon hits and time to the error; how many times less than from the lights; the difference to \
-                   photons from the lights with Sobol's points at the end of the curves, and what both errors let expect."
+    let caption = "Photons, photon hits and time to the error; how many times less than from the lights; the \
+                   difference to photons from the lights with Sobol's points at the end of the curves, and what both \
+                   errors let expect."
         .to_owned();
     Table { caption, head: head.map(str::to_owned).to_vec(), rows: rows.iter().map(line).collect() }
 }
@@ -603,8 +608,8 @@ fn direct_table(all: &[DirectLight]) -> Table {
             over(&|d| d.seconds),
         ]
     };
-    let caption = "Direct light of the lamps at the corners of all triangles, and the tables of light elements: shadow rays, seconds, and \
-                   how many times those at corners."
+    let caption = "Direct light of the lamps at the corners of all triangles, and the tables of light elements: \
+                   shadow rays, seconds, and how many times those at corners."
         .to_owned();
     Table { caption, head: head.map(str::to_owned).to_vec(), rows: all.iter().map(line).collect() }
 }

@@ -40,10 +40,11 @@ impl Study for Leaks {
     type Row = Row;
     const NAME: &'static str = "leaks";
     const TITLE: &'static str = "Light behind walls";
-    const ABOUT: &'static str = "Pixels of indirect light at rest against path tracing. A leak is brighter than the reference by \
-        more than a tenth of the mean indirect light, a stain is darker by more than a quarter; what is within three standard \
-        errors of the reference counts as neither. The dark is where the reference has less than a fifth of the mean: there the \
-        light of a method is given over that of the reference, 1 where it is right.";
+    const ABOUT: &'static str = "Pixels of indirect light at rest against path tracing. A leak is brighter than the \
+        reference by more than a tenth of the mean indirect light, a stain is darker by more than a quarter; what is \
+        within three standard errors of the reference counts as neither. The dark is where the reference has less \
+        than a fifth of the mean: there the light of a method is given over that of the reference, 1 where it is \
+        right.";
     const SCENES: &'static [&'static str] = &["rooms", "corridor", "blinds", "clutter"];
     const SHARED: &'static [&'static str] = &["bathroom", "sponza"];
     const SHOWN: &'static [&'static str] = &["rooms", "corridor"];
@@ -116,7 +117,8 @@ fn caption(row: &Row) -> String {
 /// Light of a picture where the reference is dark, over that of the reference there.
 fn dark_ratio(judge: &Judge, ours: &Picture) -> Option<f64> {
     let bound = DARK * judge.mean_light;
-    let (mut found, mut expected) = (0.0, 0.0);
+    let mut found = 0.0;
+    let mut expected = 0.0;
     for (ours, reference) in ours.pixels.iter().zip(&judge.reference.pixels) {
         let reference = f64::from(luminance(*reference));
         if reference < bound {

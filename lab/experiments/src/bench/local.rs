@@ -126,8 +126,8 @@ pub fn run(common: &Common, args: &Bench) -> Result<(), Error> {
         let section = Section {
             title: "The matrix round a camera".into(),
             text: vec![format!(
-                "Measured on {}, {} threads. Work is counted in multiplications of all channels; a new matrix takes three times \
-                 the cube of its patches.",
+                "Measured on {}, {} threads. Work is counted in multiplications of all channels; a new matrix takes \
+                 three times the cube of its patches.",
                 machine.cpu, machine.threads
             )],
 

@@ -46,9 +46,10 @@ impl Study for Materials {
     type Row = Row;
     const NAME: &'static str = "materials";
     const TITLE: &'static str = "Dark, bright, coloured and textured surfaces";
-    const ABOUT: &'static str = "The same scene with all surfaces grey of one albedo, with its own colours, and with squares of \
-        two colours on all surfaces. The more surfaces reflect, the more bounces there are, and the more an error of one bounce \
-        grows. Errors of indirect light at rest against path tracing; mean ratios tell energy that is lost or made.";
+    const ABOUT: &'static str = "The same scene with all surfaces grey of one albedo, with its own colours, and with \
+        squares of two colours on all surfaces. The more surfaces reflect, the more bounces there are, and the more \
+        an error of one bounce grows. Errors of indirect light at rest against path tracing; mean ratios tell energy \
+        that is lost or made.";
     const SCENES: &'static [&'static str] = &["cornell"];
 
     fn variants(loaded: LoadedScene) -> Result<Vec<LoadedScene>, Error> {

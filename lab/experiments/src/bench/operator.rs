@@ -15,10 +15,11 @@ use patchlight::low_level::operator::build::{MATRICES, check_memory};
 use patchlight::low_level::operator::{PatchOperator, SymmetricFactors, accelerations};
 use patchlight::memory::peak_memory_bytes;
 use patchlight::{BakeSettings, Estimator, FormFactors};
-use runtime::executor::{DeviceChoice, DeviceKind, Executor, open};
+use runtime::executor::{DeviceChoice, DeviceKind, Executor};
 use runtime::recipe::multibounce::{Decoder, Product};
 use scene::Scene;
 use serde::Serialize;
+use shell::device::open;
 use shell::operator_error::{exact_product, relative_error};
 use transport::{Dense, LinearOperator};
 
@@ -166,8 +167,8 @@ fn build_line(build: &Build) -> String {
     };
     let memory = build.peak_memory_bytes.map(|bytes| format!("; at most {:.2} GB", bytes as f64 * 1e-9));
     format!(
-        "{}, {} {} patches: form factors {:.1} s, {operator}; of a change of light a bounce leaves {:.0} % to come, accelerated \
-         {:.0} %: the scene's own is there to a thousandth after {} and {} bounces{}{}",
+        "{}, {} {} patches: form factors {:.1} s, {operator}; of a change of light a bounce leaves {:.0} % to come, \
+         accelerated {:.0} %: the scene's own is there to a thousandth after {} and {} bounces{}{}",
         build.scene,
         build.patches,
         build.kind,
@@ -218,9 +219,10 @@ fn report(machine: &Machine, builds: &[Build], rows: &[Row]) -> String {
     };
     let introduction = [
         machine_line(machine),
-        "F are form factors, of one channel; T the light of all bounces, of three; F_r form factors from receivers to patches. Errors are those of irradiance (L2 by \
-         area), of the scene's own light and the worst of eight compact lights, against the same operator without \
-         compression; Frobenius is the error of the entries, for which ε was asked."
+        "F are form factors, of one channel; T the light of all bounces, of three; F_r form factors from receivers to \
+         patches. Errors are those of irradiance (L2 by area), of the scene's own light and the worst of eight \
+         compact lights, against the same operator without compression; Frobenius is the error of the entries, for \
+         which ε was asked."
             .to_owned(),
     ];
     page("Patchlight: operators", &introduction, [&section])
@@ -295,13 +297,11 @@ fn measure(
     let progress = &Progress::new(common.quiet);
     let loaded = output::import(name, progress)?;
     let scene = &loaded.scene;
-    let settings = BakeSettings {
-        patches: kind,
-        patch_count: count,
-        estimator: Estimator::Hemisphere { rays: args.rays },
-        seed: common.seed,
-        ..BakeSettings::default()
-    };
+    let settings = BakeSettings::default()
+        .with_patches(kind)
+        .with_patch_count(count)
+        .with_estimator(Estimator::Hemisphere { rays: args.rays })
+        .with_seed(common.seed);
     let mesh = &progress.phase("sample", |_| make_mesh(scene, &settings))?;
     let start = Instant::now();
     let found = progress.phase("form_factors", |report| {

@@ -165,14 +165,12 @@ struct Experiment<'a> {
 impl Experiment<'_> {
     /// The settings that all runs share.
     fn case(&self, patches: PatchKind, patch_count: usize, size: (u32, u32)) -> Case {
-        let bake = BakeSettings {
-            patches,
-            patch_count,
-            estimator: Estimator::Hemisphere { rays: self.args.rays },
-            receiver_rays: self.args.receiver_rays(),
-            seed: self.common.seed,
-            ..BakeSettings::default()
-        };
+        let bake = BakeSettings::default()
+            .with_patches(patches)
+            .with_patch_count(patch_count)
+            .with_estimator(Estimator::Hemisphere { rays: self.args.rays })
+            .with_receiver_rays(self.args.receiver_rays())
+            .with_seed(self.common.seed);
         Case { bake, size, sub_frames: self.args.sub_frames }
     }
 
@@ -295,11 +293,11 @@ impl Experiment<'_> {
             for &count in &self.args.counts {
                 let case = self.case(kind, count as usize, truth.size());
                 for &receiver_density in &self.args.densities {
-                    let bake = BakeSettings { receiver_density, ..case.bake };
+                    let bake = case.bake.with_receiver_density(receiver_density);
                     self.measure(Part::Patches, kind.name(), Case { bake, ..case }, truth)?;
                 }
                 if kind.has_voxels() {
-                    let bake = BakeSettings { receivers: ReceiverKind::Patches, ..case.bake };
+                    let bake = case.bake.with_receivers(ReceiverKind::Patches);
                     self.measure(Part::Patches, kind.name(), Case { bake, ..case }, truth)?;
                 }
             }
@@ -403,24 +401,20 @@ impl Experiment<'_> {
         [
             (
                 format!("receivers at all pixels ({PIXEL_SUB_FRAMES} sub-frames)"),
-                BakeSettings { receivers: ReceiverKind::Pixels, ..*base },
+                (*base).with_receivers(ReceiverKind::Pixels),
             ),
             (
                 format!("rays of receivers × {MORE_RECEIVER_RAYS}"),
-                BakeSettings { receiver_rays: MORE_RECEIVER_RAYS * base.receiver_rays, ..*base },
+                (*base).with_receiver_rays(MORE_RECEIVER_RAYS * base.receiver_rays),
             ),
             (
                 format!("patches × {MORE_PATCHES}, as many receivers"),
-                BakeSettings { patch_count: more, receiver_density: base.patch_count as f32 / more as f32, ..*base },
+                (*base).with_patch_count(more).with_receiver_density(base.patch_count as f32 / more as f32),
             ),
-            (format!("rays of F × {MORE_RAYS}"), BakeSettings { estimator: Estimator::Hemisphere { rays }, ..*base }),
+            (format!("rays of F × {MORE_RAYS}"), (*base).with_estimator(Estimator::Hemisphere { rays })),
             (
                 format!("E by samples and rays × {MORE_SAMPLES}"),
-                BakeSettings {
-                    samples: MORE_SAMPLES * base.samples,
-                    sample_rays: MORE_SAMPLES * base.sample_rays,
-                    ..*base
-                },
+                (*base).with_samples(MORE_SAMPLES * base.samples).with_sample_rays(MORE_SAMPLES * base.sample_rays),
             ),
         ]
     }
@@ -541,8 +535,8 @@ impl Experiment<'_> {
             format!("Compared with {}.", truth.source),
             format!(
                 "Pictures of {} × {}, {} sub-frames; {} rays a row of F, {} rays a receiver. Light ms: all passes but \
-                 shading, frames for the median: {}. Tables of break-down and lights, and the pictures: {} clusters. The proxy's form \
-                 factors are dense: no more than {MAX_PROXY_FACES} faces.",
+                 shading, frames for the median: {}. Tables of break-down and lights, and the pictures: {} clusters. \
+                 The proxy's form factors are dense: no more than {MAX_PROXY_FACES} faces.",
                 size.0,
                 size.1,
                 self.args.sub_frames,

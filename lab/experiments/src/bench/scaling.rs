@@ -100,12 +100,12 @@ impl Study for Scaling {
     type Row = Row;
     const NAME: &'static str = "scaling";
     const TITLE: &'static str = "How light updates grow";
-    const ABOUT: &'static str = "Processor time of a whole light update with the lookup of all pixels where that can be told \
-        apart, and memory, over one size at a time: patches and receivers (methods that have them), triangles (of the atrium), \
-        lamps that all move, and pixels. Receivers are updated where they are in view; beyond 4,096 patches their number stays. \
-        Turns as in the first experiment. Matrices of more than 2 GB are not made: in place of a time stands what they would \
-        take. A bake has 65,535 patches at most, whose numbers take 16 bits in rows of form factors; worlds of more are baked in \
-        parts, and lit round the camera.";
+    const ABOUT: &'static str = "Processor time of a whole light update with the lookup of all pixels where that can \
+        be told apart, and memory, over one size at a time: patches and receivers (methods that have them), triangles \
+        (of the atrium), lamps that all move, and pixels. Receivers are updated where they are in view; beyond 4,096 \
+        patches their number stays. Turns as in the first experiment. Matrices of more than 2 GB are not made: in \
+        place of a time stands what they would take. A bake has 65,535 patches at most, whose numbers take 16 bits in \
+        rows of form factors; worlds of more are baked in parts, and lit round the camera.";
     const SCENES: &'static [&'static str] = &["office"];
     const PATCHES: u32 = 1000;
     const TIMED: bool = true;
@@ -123,7 +123,7 @@ impl Study for Scaling {
         }
         let settings = bake_settings(common, args, loaded, place.patches);
         for &receiver_density in &args.densities {
-            let settings = BakeSettings { receiver_density, ..settings };
+            let settings = settings.with_receiver_density(receiver_density);
             rows.extend(over_receivers(place, loaded, &settings)?);
         }
         let scenes = if args.quick { &SMALL_SCENES[..] } else { &SCENES };
@@ -188,7 +188,7 @@ fn over_patches(place: &Place, loaded: &LoadedScene, count: usize) -> Result<Vec
     let mut value = count as u64;
     if !possible.is_empty() {
         let receiver_density = (MAX_RECEIVERS_OF / count as f32).min(1.0);
-        let settings = BakeSettings { receiver_density, ..bake_settings(place.common, place.args, loaded, count) };
+        let settings = (bake_settings(place.common, place.args, loaded, count)).with_receiver_density(receiver_density);
         let view = View::new(place.common, place.args, loaded);
         let field = Field::new(&view, &settings, place.progress)?;
         value = field.bake().mesh.patches.len() as u64;
@@ -252,7 +252,8 @@ fn over_pixels(place: &Place, loaded: &LoadedScene) -> Result<Vec<Row>, Error> {
 /// Point lamps all over the scene that go round in circles, as bright together as one of 1 kW/sr.
 fn lamps_of(loaded: &LoadedScene, count: u32, number: u32, frames: u32) -> Lighting {
     let (low, high) = loaded.scene.geometry.bounds;
-    let (middle, half) = ((low + high) * 0.5, (high - low) * (0.5 * INNER));
+    let middle = (low + high) * 0.5;
+    let half = (high - low) * (0.5 * INNER);
     let lamp = |k: u32| {
         let place = Vec3::from_array([0, 1, 2].map(|axis| 2.0 * unit(hash3(k, axis, 0x6c61_6d70)) - 1.0));
         let (sin, cos) = sin_cos_2pi(number as f32 / frames as f32);

@@ -118,10 +118,11 @@ fn measure(
     progress: &Progress,
 ) -> Result<Vec<Row>, Error> {
     // Only the light between patches is measured: the fewest receivers.
-    let settings = BakeSettings { most_receivers: Some(1), ..bake_settings(common, args, loaded, count) };
+    let settings = (bake_settings(common, args, loaded, count)).with_most_receivers(Some(1));
     let bake = Arc::new(Bake::build(&loaded.scene, &settings, progress)?);
     let sources = sources(common, loaded, &bake, progress)?;
-    let (factors, albedo) = (&bake.form_factors.factors, &bake.mesh.albedo);
+    let factors = &bake.form_factors.factors;
+    let albedo = &bake.mesh.albedo;
     let exact = exact_light(factors, albedo, &sources)?;
     let scale = stops_to_scale(loaded.exposure_stops);
     let row = |way: &str, shown: &[Vec<Vec3>]| judge(&loaded.name, way, shown, &exact, scale);
@@ -206,7 +207,8 @@ fn ways<'a>(factors: &'a Csr, albedo: &'a [Vec4], seed: u32) -> Result<Vec<(Stri
         (format!("a part of {FRAMES} of the columns a frame"), by_parts(factors, albedo)),
     ];
     let sampled = |rows: &Arc<AliasTables>, settings: Settings| -> Way<'a> {
-        let (rows, mut state) = (Arc::clone(rows), State::new(albedo.len()));
+        let rows = Arc::clone(rows);
+        let mut state = State::new(albedo.len());
         Box::new(move |source| {
             state.advance(&*rows, source, albedo, &settings).map_err(patchlight::Error::from)?;
             Ok(state.irradiance.clone())
@@ -334,8 +336,9 @@ fn section(rows: &[Row]) -> Section {
         let points = of_weights.iter().zip(WEIGHTS).map(|(row, w)| (f64::from(w), 100.0 * value(row)));
         Series { name: name.into(), points: points.collect() }
     };
-    let caption = "Distances are relative L2 of the irradiance of patches from that of all bounces; changes are those of displayed values \
-                   from one frame to the next, the 99.9th percentile of the patches and the greatest of the frames";
+    let caption = "Distances are relative L2 of the irradiance of patches from that of all bounces; changes are those \
+                   of displayed values from one frame to the next, the 99.9th percentile of the patches and the \
+                   greatest of the frames";
     let head = [
         "way",
         "distance while lights move %: median",

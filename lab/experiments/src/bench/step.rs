@@ -46,11 +46,11 @@ impl Study for Step {
     type Row = Row;
     const NAME: &'static str = "step";
     const TITLE: &'static str = "A light jumps, and then rests";
-    const ABOUT: &'static str = "Lights rest elsewhere for a third of the frames, then jump to where the scene has them. What is \
-        left of the jump is the relative L2 distance of the light from that of the last frame, over that before the jump. \
-        Methods that remember nothing follow in the next frame, but for their noise. Noise is what changes in the end, between \
-        two frames under the same lights: relative L2 of the light, and pixels of all light that change by more than 1/255 as \
-        displayed.";
+    const ABOUT: &'static str = "Lights rest elsewhere for a third of the frames, then jump to where the scene has \
+        them. What is left of the jump is the relative L2 distance of the light from that of the last frame, over \
+        that before the jump. Methods that remember nothing follow in the next frame, but for their noise. Noise is \
+        what changes in the end, between two frames under the same lights: relative L2 of the light, and pixels of \
+        all light that change by more than 1/255 as displayed.";
     const SCENES: &'static [&'static str] = &["cornell", "office"];
 
     fn measure(place: &Place, loaded: &LoadedScene) -> Result<Measured<Row>, Error> {

@@ -393,7 +393,8 @@ impl Circumstances {
         let note = self.note.as_ref().map(|note| format!(" {note}")).unwrap_or_default();
         let medians = if S::TIMED { format!(", medians of {} light updates", self.frames) } else { String::new() };
         format!(
-            "version {version}, {date}. {} Device `{device}`.{note} {patches} patches, {width} × {height} pixels{medians}.",
+            "version {version}, {date}. {} Device `{device}`.{note} {patches} patches, {width} × {height} \
+             pixels{medians}.",
             machine.sentence()
         )
     }

@@ -39,19 +39,21 @@ impl Study for Table3 {
     type Row = Row;
     const NAME: &'static str = "table3";
     const TITLE: &'static str = "Every method beside each other";
-    const ABOUT: &'static str = "An update goes from lights that moved to irradiance: at the points in view for patches, in the \
-        volume for probes, cells and faces of voxels, whose lookup at all pixels is in its own column; what pixels of patches \
-        take from points is in no column. Methods take turns; a turn is two light updates, of which the second counts. \
-        Processor time is that of all cores together, in which what else the machine did is hardly seen; where it was busy, \
-        believe that. Path tracing has no update: its time is that of the picture. All methods share direct light, rays and \
-        their hierarchy. Memory is what light needs from frame to frame; that of probes and cells is in their authors' formats. \
-        A volume that engines bake is baked anew when a light moves. Small tiles and small temporal have a sixth of the patches, \
-        and with them of elements and receivers, and a quarter of the rays of each. Gathering (sparse rows, a product a bounce), the dense \
-        product (the operator of all bounces, read once an update), shooting (progressive refinement) and Monte Carlo radiosity \
-        (stochastic Jacobi, 100 samples a patch) are baselines on the same patches as tiles and temporal; hierarchical \
-        radiosity has polygons, and finds its links anew with the light of each update. Updates of a second and more are \
-        measured three times. With a Vulkan device, methods of patches and DDGI run on it, \
-        the other opponents on the CPU; of a graphics processor's work, processor time knows nothing: believe the update's there.";
+    const ABOUT: &'static str = "An update goes from lights that moved to irradiance: at the points in view for \
+        patches, in the volume for probes, cells and faces of voxels, whose lookup at all pixels is in its own \
+        column; what pixels of patches take from points is in no column. Methods take turns; a turn is two light \
+        updates, of which the second counts. Processor time is that of all cores together, in which what else the \
+        machine did is hardly seen; where it was busy, believe that. Path tracing has no update: its time is that of \
+        the picture. All methods share direct light, rays and their hierarchy. Memory is what light needs from frame \
+        to frame; that of probes and cells is in their authors' formats. A volume that engines bake is baked anew \
+        when a light moves. Small tiles and small temporal have a sixth of the patches, and with them of elements and \
+        receivers, and a quarter of the rays of each. Gathering (sparse rows, a product a bounce), the dense product \
+        (the operator of all bounces, read once an update), shooting (progressive refinement) and Monte Carlo \
+        radiosity (stochastic Jacobi, 100 samples a patch) are baselines on the same patches as tiles and temporal; \
+        hierarchical radiosity has polygons, and finds its links anew with the light of each update. Updates of a \
+        second and more are measured three times. With a Vulkan device, methods of patches and DDGI run on it, the \
+        other opponents on the CPU; of a graphics processor's work, processor time knows nothing: believe the \
+        update's there.";
     const SCENES: &'static [&'static str] = &["cornell", "office"];
     const SHARED: &'static [&'static str] = &["cornell-dragon", "bathroom", "sponza"];
     const TIMED: bool = true;
@@ -124,8 +126,8 @@ fn nearest(rows: &[Row]) -> Vec<String> {
         let opponents = rows.iter().filter(|row| row.who.family == NEAREST);
         let row = opponents.min_by(|a, b| distance(a).total_cmp(&distance(b)))?;
         Some(format!(
-            "Nearest to {} in {what} ({} {unit}) is {} ({} {unit}): blocks {:.2} and {:.2} %, PSNR of indirect light {:.2} and \
-             {:.2} dB.",
+            "Nearest to {} in {what} ({} {unit}) is {} ({} {unit}): blocks {:.2} and {:.2} %, PSNR of indirect light \
+             {:.2} and {:.2} dB.",
             own.who.method,
             significant(measure(own)),
             row.who.method,

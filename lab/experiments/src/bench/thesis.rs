@@ -35,7 +35,8 @@ struct Figure {
 const FIGURES: &[Figure] = &[
     Figure {
         name: "2.2.5",
-        says: "section: classic solvers of all bounces, by elimination, iteration, chance and links: time, memory, errors",
+        says: "section: classic solvers of all bounces, by elimination, iteration, chance and links: time, memory, \
+             errors",
         counts: &[1000],
         measure: solvers::solvers,
     },
@@ -66,7 +67,8 @@ const FIGURES: &[Figure] = &[
     },
     Figure {
         name: "4",
-        says: "chapter: clusters of patches that overlap, each with a matrix of its own: edges in the light, work, bytes",
+        says: "chapter: clusters of patches that overlap, each with a matrix of its own: edges in the light, work, \
+             bytes",
         counts: &[2000],
         measure: clusters::overlapping,
     },

@@ -95,7 +95,8 @@ impl Truth {
             block_psnr_db: errors.block_psnr_db,
         };
         let source = format!(
-            "{paths} paths a pixel of this project's path tracer, {} × {}, noise of block means {:.2} % (median), {:.1} dB",
+            "{paths} paths a pixel of this project's path tracer, {} × {}, noise of block means {:.2} % (median), \
+             {:.1} dB",
             size.0,
             size.1,
             100.0 * noise.block_median_relative_error,

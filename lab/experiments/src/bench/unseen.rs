@@ -39,9 +39,10 @@ impl Study for Unseen {
     type Row = Row;
     const NAME: &'static str = "unseen";
     const TITLE: &'static str = "Lights that the bake has not seen";
-    const ABOUT: &'static str = "Patches are baked with the scene's own lights, which decide where they stand; then other lights \
-        shine, with references of their own. Errors of indirect light at rest against path tracing, and those over the errors \
-        of the same method under the scene's own light. Opponents have no bake that a light could be missing from.";
+    const ABOUT: &'static str = "Patches are baked with the scene's own lights, which decide where they stand; then \
+        other lights shine, with references of their own. Errors of indirect light at rest against path tracing, and \
+        those over the errors of the same method under the scene's own light. Opponents have no bake that a light \
+        could be missing from.";
     const SCENES: &'static [&'static str] = &["cornell", "office"];
     const SHARED: &'static [&'static str] = &["cornell-dragon", "bathroom", "sponza"];
 

@@ -43,7 +43,8 @@ impl Weights {
     pub fn blend_irradiance(&self, rays: &[ProbeRay], p: &BlendParams, texels: &mut [Rgb]) {
         let mut inner = [Vec3::ZERO; IRRADIANCE_INNER];
         for (texel, value) in inner.iter_mut().enumerate() {
-            let (mut sum, mut total) = (Vec3::ZERO, 0.0);
+            let mut sum = Vec3::ZERO;
+            let mut total = 0.0;
             for &(ray, weight) in self.of(texel) {
                 let ray = &rays[ray as usize];
                 // Backs are inside of things, where light is not.
@@ -62,7 +63,8 @@ impl Weights {
     pub fn blend_visibility(&self, rays: &[ProbeRay], p: &BlendParams, texels: &mut [Vec2]) {
         let mut inner = [Vec2::ZERO; VISIBILITY_INNER];
         for (texel, value) in inner.iter_mut().enumerate() {
-            let (mut sum, mut total) = (Vec2::ZERO, 0.0);
+            let mut sum = Vec2::ZERO;
+            let mut total = 0.0;
             for &(ray, weight) in self.of(IRRADIANCE_INNER + texel) {
                 sum += moments(rays[ray as usize].distance, p.most) * weight;
                 total += weight;

@@ -49,7 +49,8 @@ impl Grid {
                     return Err(Error::Setting { name: "probes", value: f64::from(count), rule: "from 1 to 2^18" });
                 }
                 let longest = (high - low).max_element();
-                let (mut small, mut large) = (longest * 1e-3, longest);
+                let mut small = longest * 1e-3;
+                let mut large = longest;
                 for _ in 0..STEPS {
                     let middle = (small * large).sqrt();
                     let found = counts(high - low, middle).as_dvec3().element_product();
@@ -86,7 +87,8 @@ impl Grid {
 
     /// Which one a probe is along each axis.
     pub fn cell(&self, probe: usize) -> UVec3 {
-        let (x, y) = (self.counts.x as usize, self.counts.y as usize);
+        let x = self.counts.x as usize;
+        let y = self.counts.y as usize;
         UVec3::new((probe % x) as u32, (probe / x % y) as u32, (probe / (x * y)) as u32)
     }
 

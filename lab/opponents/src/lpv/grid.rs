@@ -97,7 +97,8 @@ fn number_in(counts: IVec3, cell: IVec3) -> usize {
 }
 
 fn cell_in(counts: IVec3, number: usize) -> IVec3 {
-    let (x, y) = (counts.x as usize, counts.y as usize);
+    let x = counts.x as usize;
+    let y = counts.y as usize;
     IVec3::new((number % x) as i32, (number / x % y) as i32, (number / (x * y)) as i32)
 }
 
@@ -246,7 +247,8 @@ fn faces_of(way: IVec3) -> [Face; 5] {
 
 /// Flux through a face becomes a cosine lobe in its direction.
 fn reprojection(face: &Face) -> Mat4 {
-    let (to, from) = (cosine_lobe(face.normal) * FRAC_1_PI, two_bands(face.direction) * face.solid_angle);
+    let to = cosine_lobe(face.normal) * FRAC_1_PI;
+    let from = two_bands(face.direction) * face.solid_angle;
     Mat4::from_cols(to * from.x, to * from.y, to * from.z, to * from.w)
 }
 
@@ -283,7 +285,8 @@ impl Blockers {
         let mut list = Vec::new();
         let index = [0, 1, 2].map(|axis| {
             let counts = shape.counts + IVec3::AXES[axis];
-            let (a, b) = (IVec3::AXES[(axis + 1) % 3], IVec3::AXES[(axis + 2) % 3]);
+            let a = IVec3::AXES[(axis + 1) % 3];
+            let b = IVec3::AXES[(axis + 2) % 3];
             let mut of_face = |number: usize| {
                 let first = cell_in(counts, number);
                 let around = [first, first + a, first + b, first + a + b];
@@ -388,7 +391,8 @@ mod tests {
         // Nothing arrives in four steps. The floor is the border of the grid: light that arrives is stopped a step
         // before it would leave, so that a little less is under way.
         assert_eq!(flux_after(4, None).to_bits(), flux_after(4, Some(false)).to_bits());
-        let (free, stopped) = (flux_after(20, None), flux_after(20, Some(false)));
+        let free = flux_after(20, None);
+        let stopped = flux_after(20, Some(false));
         assert!(stopped < 0.98 * free && stopped > 0.9 * free, "{stopped} of {free}");
     }
 }

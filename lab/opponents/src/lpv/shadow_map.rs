@@ -143,7 +143,8 @@ fn opening(scene: &Scene, direction: Vec3, (u, v): (f32, f32)) -> (Vec3, f32) {
     let (a, b) = frame(direction);
     // A box reaches as far along an axis as its half edges do together.
     let reach = |axis: Vec3| axis.abs().dot(0.5 * (high - low));
-    let (wide, tall) = (reach(a), reach(b));
+    let wide = reach(a);
+    let tall = reach(b);
     let place = a * (wide * (2.0 * u - 1.0)) + b * (tall * (2.0 * v - 1.0));
     let back = direction * (reach(direction) + scene.geometry.ray_offset);
     (centre + place - back, 4.0 * wide * tall)

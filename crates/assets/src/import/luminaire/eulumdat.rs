@@ -68,7 +68,8 @@ fn stored_planes(text: &Text, kind: usize, planes: &[f64], first: usize) -> Resu
     match ends {
         Some((from, to)) if !(is_near(found.0, from) && is_near(found.1, to)) => {
             let reason = format!(
-                "symmetry {kind} holds half-planes from C{from} to C{to}, these are C{} to C{}; correct the angles or the symmetry",
+                "symmetry {kind} holds half-planes from C{from} to C{to}, these are C{} to C{}; correct the angles or \
+                 the symmetry",
                 found.0, found.1
             );
             Err(text.fault(first, reason))

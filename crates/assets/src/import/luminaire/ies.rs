@@ -82,8 +82,8 @@ pub fn parse(text: &mut Text) -> Result<Sheet, ImportError> {
         "INCLUDE" => read_tilt(&mut numbers)?,
         _ => {
             let reason = format!(
-                "TILT={} names a file of tilt factors, which is not read; write TILT=NONE where the luminaire hangs as it was \
-                 measured, or the factors into this file (TILT=INCLUDE)",
+                "TILT={} names a file of tilt factors, which is not read; write TILT=NONE where the luminaire hangs \
+                 as it was measured, or the factors into this file (TILT=INCLUDE)",
                 super::shortened(&tilt)
             );
             return Err(text.fault(line, reason));

@@ -25,7 +25,8 @@ impl Room {
     }
 
     pub fn cuboid(&self, b: &mut Builder, material: u32, low: [f32; 3], high: [f32; 3], sides: [bool; 6]) {
-        let (p, q) = (self.at(low), self.at(high));
+        let p = self.at(low);
+        let q = self.at(high);
         b.cuboid(material, p.min(q), p.max(q), sides);
     }
 
@@ -50,17 +51,20 @@ pub fn turned(b: &mut Builder, material: u32, foot: Vec3, outline: &[(f32, f32)]
     for pair in outline.windows(2) {
         let at = |s: f32, t: f32| {
             let (sin, cos) = sin_cos(-s);
-            let (radius, y) = (pair[0].0 + (pair[1].0 - pair[0].0) * t, pair[0].1 + (pair[1].1 - pair[0].1) * t);
+            let radius = pair[0].0 + (pair[1].0 - pair[0].0) * t;
+            let y = pair[0].1 + (pair[1].1 - pair[0].1) * t;
             foot + Vec3::new(radius * cos, y, radius * sin)
         };
         // Where the outline meets the axis, quadrilaterals would be triangles and a point.
-        let (from, to) = (pair[0].0 == 0.0, pair[1].0 == 0.0);
+        let from = pair[0].0 == 0.0;
+        let to = pair[1].0 == 0.0;
         if !from && !to {
             b.sheet(material, (sides, 1), at, Vec2::new);
             continue;
         }
         for k in 0..sides {
-            let (s, t) = (k as f32 / sides as f32, (k + 1) as f32 / sides as f32);
+            let s = k as f32 / sides as f32;
+            let t = (k + 1) as f32 / sides as f32;
             let corners =
                 if from { [at(s, 0.0), at(t, 1.0), at(s, 1.0)] } else { [at(s, 0.0), at(t, 0.0), at(s, 1.0)] };
             b.triangle(material, corners, [Vec2::ZERO, Vec2::X, Vec2::Y]);
@@ -100,8 +104,8 @@ pub fn corridor(b: &mut Builder, m: &Materials, corner: Vec3, length: f32) {
 fn lamp(b: &mut Builder, m: &Materials, floor: Vec3) {
     b.object("ceiling lamp");
     let ceiling = floor.y + STOREY - 2.0 * HALF;
-    let (low, high) =
-        (Vec3::new(floor.x - 0.3, ceiling - 0.06, floor.z - 0.3), Vec3::new(floor.x + 0.3, ceiling, floor.z + 0.3));
+    let low = Vec3::new(floor.x - 0.3, ceiling - 0.06, floor.z - 0.3);
+    let high = Vec3::new(floor.x + 0.3, ceiling, floor.z + 0.3);
     b.cuboid(m.metal, low, high, UPRIGHT);
     b.cuboid_side(m.lamp, low, high, 2);
 }
@@ -135,7 +139,8 @@ fn curtains(b: &mut Builder, m: &Materials, dice: &mut Dice, r: &Room) {
 /// A case of books against the far wall, as high as `rows` shelves.
 fn books(b: &mut Builder, m: &Materials, dice: &mut Dice, r: &Room, (u, width): (f32, f32), rows: u32, detail: Detail) {
     b.object("book case");
-    let (depth, height) = (0.3, 0.34 * rows as f32 + 0.06);
+    let depth = 0.3;
+    let height = 0.34 * rows as f32 + 0.06;
     let v = r.size.1 - depth - 0.01;
     for side in [u, u + width - 0.02] {
         r.cuboid(b, m.dark_wood, [side, 0.0, v], [side + 0.02, height, v + depth], STANDING);
@@ -149,7 +154,9 @@ fn books(b: &mut Builder, m: &Materials, dice: &mut Dice, r: &Room, (u, width): 
         }
         let mut at = u + 0.03;
         while at < u + width - 0.09 {
-            let (thick, high, deep) = (dice.between(0.012, 0.045), dice.between(0.2, 0.3), dice.between(0.15, 0.24));
+            let thick = dice.between(0.012, 0.045);
+            let high = dice.between(0.2, 0.3);
+            let deep = dice.between(0.15, 0.24);
             let cover = match dice.pick(7) {
                 k @ 0..=4 => m.fabric[k],
                 5 => m.dark,
@@ -190,7 +197,8 @@ fn plant(b: &mut Builder, m: &Materials, dice: &mut Dice, foot: Vec3, leaves: u3
     let pot = [(0.0, 0.005), (0.13, 0.005), (0.18, 0.3), (0.16, 0.3), (0.15, 0.27), (0.0, 0.27)];
     turned(b, m.ceramic, foot, &pot, 24);
     for k in 0..leaves {
-        let (around, high) = (dice.throw(), dice.between(0.3, 1.3));
+        let around = dice.throw();
+        let high = dice.between(0.3, 1.3);
         let (sin, cos) = sin_cos(around);
         let out = Vec3::new(cos, 0.0, sin);
         let stem = foot + Vec3::Y * (0.27 + 0.5 * high) + out * dice.between(0.02, 0.12);
@@ -202,7 +210,8 @@ fn plant(b: &mut Builder, m: &Materials, dice: &mut Dice, foot: Vec3, leaves: u3
 }
 
 fn picture(b: &mut Builder, m: &Materials, dice: &mut Dice, r: &Room, cloth: u32) {
-    let (v, high) = (dice.between(1.0, 4.0), dice.between(0.4, 0.8));
+    let v = dice.between(1.0, 4.0);
+    let high = dice.between(0.4, 0.8);
     r.cuboid(b, m.dark_wood, [0.0, 1.3, v], [0.03, 1.3 + high, v + 0.9], ALL_SIDES);
     r.cuboid(b, cloth, [0.029, 1.33, v + 0.03], [0.033, 1.27 + high, v + 0.87], ALL_SIDES);
 }
@@ -271,7 +280,8 @@ fn bedroom(b: &mut Builder, m: &Materials, dice: &mut Dice, r: &Room, cloth: u32
         // A quilt of squares.
         for i in 0..9 {
             for j in 0..10 {
-                let (u, v) = (0.83 + 0.15 * i as f32, 2.07 + 0.157 * j as f32);
+                let u = 0.83 + 0.15 * i as f32;
+                let v = 2.07 + 0.157 * j as f32;
                 r.cuboid(b, m.fabric[dice.pick(5)], [u, 0.5 - OVERLAP, v], [u + 0.14, 0.51, v + 0.147], STANDING);
             }
         }
@@ -296,12 +306,14 @@ fn kitchen(b: &mut Builder, m: &Materials, dice: &mut Dice, r: &Room, detail: De
         // A tiled wall behind the counter, plates and cups on the table and the shelf.
         for i in 0..24 {
             for j in 0..3 {
-                let (v, y) = (0.81 + 0.15 * i as f32, 0.92 + 0.16 * j as f32);
+                let v = 0.81 + 0.15 * i as f32;
+                let y = 0.92 + 0.16 * j as f32;
                 r.cuboid(b, m.ceramic, [0.0, y, v], [0.012, y + 0.145, v + 0.14], ALL_SIDES);
             }
         }
         for k in 0..4 {
-            let (u, v) = (2.85 + 0.5 * (k % 2) as f32, 2.5 + 0.6 * (k / 2) as f32);
+            let u = 2.85 + 0.5 * (k % 2) as f32;
+            let v = 2.5 + 0.6 * (k / 2) as f32;
             let plate = [(0.0, 0.002), (0.06, 0.002), (0.12, 0.02), (0.118, 0.022), (0.06, 0.006), (0.0, 0.006)];
             turned(b, m.ceramic, r.at([u, 0.76, v]), &plate, 40);
             cup(b, m, r.at([u + 0.15, 0.76, v + 0.1]), 0.035, 28);
@@ -325,7 +337,8 @@ fn office(b: &mut Builder, m: &Materials, dice: &mut Dice, r: &Room, cloth: u32,
             // Keys, paper, pencils.
             for i in 0..15 {
                 for j in 0..5 {
-                    let (a, c) = (u + 0.5 + 0.03 * i as f32, 2.05 + 0.03 * j as f32);
+                    let a = u + 0.5 + 0.03 * i as f32;
+                    let c = 2.05 + 0.03 * j as f32;
                     r.cuboid(b, m.dark, [a, 0.745, c], [a + 0.025, 0.757, c + 0.025], STANDING);
                 }
             }

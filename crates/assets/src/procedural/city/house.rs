@@ -83,7 +83,9 @@ impl House {
             if !inside(c) {
                 return false;
             }
-            let (x, y, z) = (xs[c[0] as usize], ys[c[1] as usize], zs[c[2] as usize]);
+            let x = xs[c[0] as usize];
+            let y = ys[c[1] as usize];
+            let z = zs[c[2] as usize];
             let first_storey = c[1] < 4;
             let corridor = z == Stretch::Free || z == Stretch::Door;
             match y {
@@ -110,7 +112,8 @@ impl House {
             let in_corridor = z == Stretch::Free || z == Stretch::Door;
             let far = air[2] as usize > zs.len() / 2;
             let dice = &mut self.room_dice(air[1] as u32 / 4, rooms(air[0]), far);
-            let (wall, floor) = (m.wall[dice.pick(m.wall.len())], m.floor[dice.pick(2)]);
+            let wall = m.wall[dice.pick(m.wall.len())];
+            let floor = m.floor[dice.pick(2)];
             match (axis, positive) {
                 (1, true) if in_corridor => m.floor[2],
                 (1, true) => floor,
@@ -205,7 +208,8 @@ impl House {
     /// Frame, sill, blind and shutters of a window from u0 to u1.
     fn window(&self, b: &mut Builder, m: &Materials, dice: &mut Dice, r: &Room, (u0, u1): (f32, f32), storey: u32) {
         b.object("window");
-        let (low, high) = (SILL - HALF, LINTEL - HALF);
+        let low = SILL - HALF;
+        let high = LINTEL - HALF;
         // The wall goes from v = −0.3 to 0; the frame stands in its middle.
         let bar = 0.05;
         let frame = |b: &mut Builder, a: [f32; 2], c: [f32; 2]| {
@@ -230,7 +234,8 @@ impl House {
                 r.cuboid(b, m.white, [u0 + 0.01, y - turned, -0.09], [u1 - 0.01, y, -0.06], ALL_SIDES);
             }
             for u in [u0 + 0.2, u1 - 0.2] {
-                let (y, thin) = (high - 0.035 * slats as f32, 0.002);
+                let y = high - 0.035 * slats as f32;
+                let thin = 0.002;
                 r.cuboid(b, m.white, [u, y, -0.059], [u + thin, high, -0.059 + thin], UPRIGHT);
             }
         }
@@ -253,7 +258,8 @@ impl House {
     /// An open door with its handles, on the corridor's side of the room.
     fn door(&self, b: &mut Builder, m: &Materials, dice: &mut Dice, r: &Room) {
         b.object("door");
-        let (u, v) = (DOOR.0 - HALF, r.size.1);
+        let u = DOOR.0 - HALF;
+        let v = r.size.1;
         let width = DOOR.1 - DOOR.0 - 0.04;
         if dice.throw() < 0.75 {
             // Opened into the room, at right angles to its wall.

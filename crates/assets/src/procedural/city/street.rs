@@ -17,13 +17,15 @@ pub struct Tree {
 /// The raised ground of a lot and the pavements round it, with kerb stones.
 pub fn pavement(b: &mut Builder, m: &Materials, at: Vec2) {
     b.object("pavement");
-    let (low, high) = (at - BESIDE, at + LOT + BESIDE);
+    let low = at - BESIDE;
+    let high = at + LOT + BESIDE;
     let size = high.x - low.x;
     let grid = steps(size, 2.0);
     let point = |s: f32, t: f32| Vec3::new(low.x + size * t, PAVEMENT, low.y + size * s);
     b.sheet(m.paving, (grid, grid), point, |s, t| Vec2::new(s, t) * (0.5 * size));
     let stones = size as u32;
-    let (length, gap) = (size / stones as f32, 0.005);
+    let length = size / stones as f32;
+    let gap = 0.005;
     for k in 0..stones {
         let a = length * k as f32;
         for (p, q) in [
@@ -32,7 +34,8 @@ pub fn pavement(b: &mut Builder, m: &Materials, at: Vec2) {
             (Vec2::new(-0.15, a), Vec2::new(0.0, a + length - gap)),
             (Vec2::new(size, a), Vec2::new(size + 0.15, a + length - gap)),
         ] {
-            let (p, q) = (low + p, low + q);
+            let p = low + p;
+            let q = low + q;
             b.cuboid(m.kerb, Vec3::new(p.x, ROAD, p.y), Vec3::new(q.x, PAVEMENT + 0.005, q.y), STANDING);
         }
     }
@@ -43,7 +46,8 @@ pub fn marks(b: &mut Builder, m: &Materials, middle: f32, length: f32, upright: 
     b.object("marks");
     for k in 0..(length / 6.0) as u32 {
         let a = 6.0 * k as f32 + 2.0;
-        let (p, q) = (Vec2::new(middle - 0.08, a), Vec2::new(middle + 0.08, a + 2.5));
+        let p = Vec2::new(middle - 0.08, a);
+        let q = Vec2::new(middle + 0.08, a + 2.5);
         let (p, q) = if upright { (p, q) } else { (Vec2::new(p.y, p.x), Vec2::new(q.y, q.x)) };
         b.cuboid(m.paint, Vec3::new(p.x, ROAD, p.y), Vec3::new(q.x, ROAD + 0.004, q.y), STANDING);
     }
@@ -57,7 +61,8 @@ pub fn lot(b: &mut Builder, m: &Materials, number: u32, at: Vec2, detail: Detail
     // A garden between the houses.
     b.object("garden");
     for (low, high) in [((20.0, 1.0), (24.0, 43.0)), ((1.0, 18.0), (19.4, 26.0)), ((24.6, 18.0), (43.0, 26.0))] {
-        let (low, high) = (at + Vec2::from(low), at + Vec2::from(high));
+        let low = at + Vec2::from(low);
+        let high = at + Vec2::from(high);
         b.cuboid(m.grass, Vec3::new(low.x, PAVEMENT, low.y), Vec3::new(high.x, PAVEMENT + 0.05, high.y), STANDING);
     }
     for k in 0..9 {
@@ -114,7 +119,8 @@ fn tree(b: &mut Builder, m: &Materials, dice: &mut Dice, at: Vec2, detail: Detai
     for _ in 0..if fine { 26 } else { 5 } {
         let end = centre + radius * 0.9 * on_sphere(dice);
         let start = foot + Vec3::Y * (height + 0.5 * dice.throw());
-        let (across, thick) = ((end - start).any_orthonormal_vector(), 0.02);
+        let across = (end - start).any_orthonormal_vector();
+        let thick = 0.02;
         let up = (end - start).normalize().cross(across) * thick;
         let across = across * thick;
         for (p, q) in [(across, up), (up, -across), (-across, -up), (-up, across)] {
@@ -156,12 +162,15 @@ fn lamp_post(b: &mut Builder, m: &Materials, at: Vec2, over: Vec2, fine: bool) {
     let sides = if fine { 24 } else { 6 };
     b.tube(m.metal, foot, 4.6, 0.05, (sides, if fine { 12 } else { 2 }));
     let arm = Vec3::new(over.x, 0.0, over.y);
-    let (a, c) = (foot + Vec3::Y * 4.5 - arm * 0.03, foot + Vec3::Y * 4.56 + arm * 0.8);
+    let a = foot + Vec3::Y * 4.5 - arm * 0.03;
+    let c = foot + Vec3::Y * 4.56 + arm * 0.8;
     let beside = arm.cross(Vec3::Y) * 0.03;
     b.cuboid(m.metal, (a - beside).min(c + beside), (a - beside).max(c + beside), ALL_SIDES);
     let side = arm.cross(Vec3::Y) * 0.16;
-    let (p, q) = (foot + Vec3::Y * 4.42 + arm * 0.35 - side, foot + Vec3::Y * 4.5 + arm * 1.0 + side);
-    let (low, high) = (p.min(q), p.max(q));
+    let p = foot + Vec3::Y * 4.42 + arm * 0.35 - side;
+    let q = foot + Vec3::Y * 4.5 + arm * 1.0 + side;
+    let low = p.min(q);
+    let high = p.max(q);
     b.cuboid(m.metal, low, high, STANDING);
     b.cuboid_side(m.street_lamp, low, high, 2);
 }
@@ -172,17 +181,20 @@ fn car(b: &mut Builder, m: &Materials, foot: Vec3, along: Vec3, paint: u32, fine
     let across = along.cross(Vec3::Y);
     let at = |x: f32, y: f32, z: f32| foot + along * x + Vec3::Y * y + across * z;
     let slab = |b: &mut Builder, material: u32, low: [f32; 3], high: [f32; 3]| {
-        let (p, q) = (at(low[0], low[1], low[2]), at(high[0], high[1], high[2]));
+        let p = at(low[0], low[1], low[2]);
+        let q = at(high[0], high[1], high[2]);
         b.cuboid(material, p.min(q), p.max(q), ALL_SIDES);
     };
     // The outline from bumper to bumper, swept across.
     let outline =
         [(0.0, 0.35), (0.05, 0.72), (1.0, 0.86), (1.55, 1.36), (2.9, 1.4), (3.5, 0.95), (4.05, 0.88), (4.1, 0.4)];
-    let (cut, half) = (if fine { 12 } else { 1 }, 0.84);
+    let cut = if fine { 12 } else { 1 };
+    let half = 0.84;
     for pair in outline.windows(2) {
         let point = |s: f32, t: f32| {
             let bulge = 0.04 * sin_cos(0.5 * s).0;
-            let (x, y) = (pair[0].0 + (pair[1].0 - pair[0].0) * t, pair[0].1 + (pair[1].1 - pair[0].1) * t);
+            let x = pair[0].0 + (pair[1].0 - pair[0].0) * t;
+            let y = pair[0].1 + (pair[1].1 - pair[0].1) * t;
             at(x, y + bulge, half * (2.0 * s - 1.0))
         };
         b.sheet(paint, (cut, if fine { 6 } else { 1 }), point, Vec2::new);
@@ -224,8 +236,10 @@ fn wheel(b: &mut Builder, m: &Materials, hub: Vec3, along: Vec3, axle: Vec3, rad
     b.sheet(m.dark, (sides, 2), |s, t| hub + rim(s) + axle * t, Vec2::new);
     for end in [Vec3::ZERO, axle] {
         for k in 0..sides {
-            let (s, t) = (k as f32 / sides as f32, (k + 1) as f32 / sides as f32);
-            let (p, q) = (hub + end + rim(s), hub + end + rim(t));
+            let s = k as f32 / sides as f32;
+            let t = (k + 1) as f32 / sides as f32;
+            let p = hub + end + rim(s);
+            let q = hub + end + rim(t);
             let corners = if end == Vec3::ZERO { [hub + end, q, p] } else { [hub + end, p, q] };
             b.triangle(m.metal, corners, [Vec2::ZERO; 3]);
         }
@@ -239,7 +253,8 @@ fn bench(b: &mut Builder, m: &Materials, at: Vec2, along_x: bool) {
         Vec3::new(at.x + u, PAVEMENT + a[1], at.y + v)
     };
     let mut slab = |material: u32, low: [f32; 3], high: [f32; 3], sides: [bool; 6]| {
-        let (p, q) = (place(low), place(high));
+        let p = place(low);
+        let q = place(high);
         b.cuboid(material, p.min(q), p.max(q), sides);
     };
     for k in 0..5 {
@@ -260,7 +275,8 @@ fn bench(b: &mut Builder, m: &Materials, at: Vec2, along_x: bool) {
 fn bicycle(b: &mut Builder, m: &Materials, at: Vec2) {
     b.object("bicycle");
     let foot = Vec3::new(at.x, PAVEMENT, at.y);
-    let (radius, thin) = (0.34, 0.004);
+    let radius = 0.34;
+    let thin = 0.004;
     let mut bar = |p: Vec3, q: Vec3, thick: f32| {
         let across = (q - p).any_orthonormal_vector() * thick;
         let up = (q - p).normalize().cross(across);
@@ -279,7 +295,9 @@ fn bicycle(b: &mut Builder, m: &Materials, at: Vec2) {
             bar(rim(k as f32), rim(k as f32 + 1.0), 0.03);
         }
     }
-    let (seat, pedals, head) = (Vec3::new(0.0, 0.8, -0.85), Vec3::new(0.0, 0.3, -0.6), Vec3::new(0.0, 0.85, -0.2));
+    let seat = Vec3::new(0.0, 0.8, -0.85);
+    let pedals = Vec3::new(0.0, 0.3, -0.6);
+    let head = Vec3::new(0.0, 0.85, -0.2);
     for (p, q) in [(seat, pedals), (pedals, head), (seat, head)] {
         bar(foot + p, foot + q, 0.03);
     }

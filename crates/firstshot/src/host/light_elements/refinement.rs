@@ -216,8 +216,12 @@ impl<'a> Refinement<'a> {
 /// be split, light around, and the share that goes on.
 fn part(side: &Side, (corners, values): Part, (levels, around, onward): (u32, f32, Vec3)) -> Node {
     let share = (corners[1] - corners[0]).perp_dot(corners[2] - corners[0]).abs();
-    let (triangle, light, is_back, area) = (side.triangle, side.light, side.is_back(), share * side.area);
-    let (middle, seen) = (0.0, 1.0);
+    let triangle = side.triangle;
+    let light = side.light;
+    let is_back = side.is_back();
+    let area = share * side.area;
+    let middle = 0.0;
+    let seen = 1.0;
     let element = LightElement { triangle, light, is_back, corners, values, middle, around, area, onward, seen };
     Node { element, levels, children: 0..0 }
 }

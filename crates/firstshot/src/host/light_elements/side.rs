@@ -150,10 +150,12 @@ impl<'a> Side<'a> {
     /// edges on which light is not linear; across all where that is so in its middle only. `known` is the light at
     /// [`Side::places`].
     pub fn split(&self, element: &LightElement, known: &[f32], tolerance: f32, add: &mut impl FnMut(Part)) {
-        let (c, v) = (element.corners, element.values);
+        let c = element.corners;
+        let v = element.values;
         // The two parts of a cut across the edge opposite to corner k.
         let mut in_two = |k: usize, at: Vec2, value: f32| {
-            let (a, b) = ((k + 1) % 3, (k + 2) % 3);
+            let a = (k + 1) % 3;
+            let b = (k + 2) % 3;
             add(([c[k], c[a], at], [v[k], v[a], value]));
             add(([c[k], at, c[b]], [v[k], value, v[b]]));
         };
@@ -161,7 +163,8 @@ impl<'a> Side<'a> {
             let longest = self.widest_corner(&c).0;
             return in_two(longest, half(&c, longest), known[0]);
         };
-        let (at, value) = ([half(&c, 0), half(&c, 1), half(&c, 2)], [first, second, third]);
+        let at = [half(&c, 0), half(&c, 1), half(&c, 2)];
+        let value = [first, second, third];
         let top = element.top();
         let bends = |k: usize| {
             let ends = 0.5 * (v[(k + 1) % 3] + v[(k + 2) % 3]);
@@ -173,9 +176,11 @@ impl<'a> Side<'a> {
             [j, k] => {
                 // The corner between both edges, then the quadrangle along the shorter way across.
                 let corner = 3 - j - k;
-                let (a, b) = ((corner + 1) % 3, (corner + 2) % 3);
+                let a = (corner + 1) % 3;
+                let b = (corner + 2) % 3;
                 // Edge opposite to b runs from the corner to a.
-                let (p, q) = (b, a);
+                let p = b;
+                let q = a;
                 add(([c[corner], at[p], at[q]], [v[corner], value[p], value[q]]));
                 let first = self.edges_squared(&[at[p], c[b], c[b]])[2];
                 let second = self.edges_squared(&[c[a], at[q], at[q]])[2];
@@ -189,7 +194,8 @@ impl<'a> Side<'a> {
             }
             _ => {
                 for k in 0..3 {
-                    let (a, b) = ((k + 1) % 3, (k + 2) % 3);
+                    let a = (k + 1) % 3;
+                    let b = (k + 2) % 3;
                     add(([c[k], at[b], at[a]], [v[k], value[b], value[a]]));
                 }
                 add((at, value));
@@ -207,9 +213,11 @@ impl<'a> Side<'a> {
     /// middle of its longest edge, then, where light bends more along both cuts than in the middle, those of the other
     /// two.
     pub fn places_as_printed(&self, element: &LightElement, known: &[f32]) -> Places {
-        let (c, v) = (element.corners, element.values);
+        let c = element.corners;
+        let v = element.values;
         let Some(a) = self.obtuse_corner(&c) else { return Places::default() };
-        let (b, end) = ((a + 1) % 3, (a + 2) % 3);
+        let b = (a + 1) % 3;
+        let end = (a + 2) % 3;
         match *known {
             [] => Places::of([half(&c, a)]),
             [light_e] => {
@@ -226,17 +234,21 @@ impl<'a> Side<'a> {
     /// The parts of an element by Kopylov's algorithm 1, two, three or four. `known` is the light at
     /// [`Side::places_as_printed`].
     pub fn split_as_printed(&self, element: &LightElement, known: &[f32], add: &mut impl FnMut(Part)) {
-        let (c, v) = (element.corners, element.values);
+        let c = element.corners;
+        let v = element.values;
         // A is the corner with the obtuse angle, of the longest edge BC.
         let Some(a) = self.obtuse_corner(&c) else {
             let d = (c[0] + c[1] + c[2]) / 3.0;
             (0..3).for_each(|k| add(([c[k], c[(k + 1) % 3], d], [v[k], v[(k + 1) % 3], element.middle])));
             return;
         };
-        let (b, end) = ((a + 1) % 3, (a + 2) % 3);
-        let (e, light_e) = (half(&c, a), known[0]);
+        let b = (a + 1) % 3;
+        let end = (a + 2) % 3;
+        let e = half(&c, a);
+        let light_e = known[0];
         if let [_, light_f, light_g] = *known {
-            let (f, g) = (half(&c, end), half(&c, b));
+            let f = half(&c, end);
+            let g = half(&c, b);
             add(([c[a], f, g], [v[a], light_f, light_g]));
             add(([c[b], e, f], [v[b], light_e, light_f]));
             add(([c[end], g, e], [v[end], light_g, light_e]));

@@ -48,7 +48,8 @@ pub enum BakeError {
     },
     /// A block was changed or cut; the others are good.
     #[error(
-        "{path}: block {block} at byte {offset} was altered or cut ({reason}); copy the file again, or bake the scene again"
+        "{path}: block {block} at byte {offset} was altered or cut ({reason}); copy the file again, or bake the scene \
+         again"
     )]
     Block {
         /// The file.

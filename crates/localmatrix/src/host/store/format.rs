@@ -298,10 +298,15 @@ pub(super) fn decode_header(path: &str, bytes: &[u8]) -> Result<(WorldHead, (u64
         return Err(damaged("it is too short"));
     }
     let mut read = || -> Result<_, String> {
-        let (number, of) = (reader.word()?, reader.word()?);
-        let (nodes, leaves, block_rows, blocks) = (reader.word()?, reader.word()?, reader.word()?, reader.word()?);
+        let number = reader.word()?;
+        let of = reader.word()?;
+        let nodes = reader.word()?;
+        let leaves = reader.word()?;
+        let block_rows = reader.word()?;
+        let blocks = reader.word()?;
         let _ = reader.word()?;
-        let (scene, key) = (reader.array()?, reader.array()?);
+        let scene = reader.array()?;
+        let key = reader.array()?;
         let part = (of > 0).then_some(Part { number, of });
         let head = WorldHead { part, nodes, leaves, block_rows, scene, key };
         Ok((head, blocks, (reader.long()?, reader.word()?), reader.word()?))
@@ -372,8 +377,11 @@ pub(super) fn check_block(number: u32, range: std::ops::Range<u32>, bytes: &[u8]
     if reader.take(4)? != BLOCK_MAGIC {
         return Err("no block begins there".to_string());
     }
-    let (own, first, rows) = (reader.word()?, reader.word()?, reader.word()?);
-    let (length, sum) = (reader.word()? as usize, reader.word()?);
+    let own = reader.word()?;
+    let first = reader.word()?;
+    let rows = reader.word()?;
+    let length = reader.word()? as usize;
+    let sum = reader.word()?;
     if reader.rest() != length {
         return Err("its length is wrong".to_string());
     }
@@ -387,7 +395,8 @@ pub(super) fn check_block(number: u32, range: std::ops::Range<u32>, bytes: &[u8]
     for _ in 0..rows {
         starts.push((bytes.len() - reader.rest()) as u32);
         reader.take(8)?;
-        let (entries, points) = (reader.word()? as usize, reader.word()? as usize);
+        let entries = reader.word()? as usize;
+        let points = reader.word()? as usize;
         let size = entries.checked_mul(ENTRY).zip(points.checked_mul(POINT)).and_then(|(a, b)| a.checked_add(b));
         reader.take(size.and_then(|n| n.checked_add(4)).ok_or("it is too short")?)?;
     }
@@ -415,14 +424,17 @@ fn is_place(p: Vec3) -> bool {
 /// A row of a checked block; the reason where its numbers cannot be.
 pub(super) fn decode_row(bytes: &[u8], nodes: u32) -> Result<Record, String> {
     let mut reader = Reader::new(bytes);
-    let (sky, lost) = (reader.float()?, reader.float()?);
-    let (entries, points) = (reader.word()? as usize, reader.word()? as usize);
+    let sky = reader.float()?;
+    let lost = reader.float()?;
+    let entries = reader.word()? as usize;
+    let points = reader.word()? as usize;
     let scale = reader.float()? / f32::from(u16::MAX);
     let mut columns = Reader::new(reader.take(4 * entries)?);
     let mut shares = Reader::new(reader.take(2 * entries)?);
     let mut factors = Vec::with_capacity(entries);
     for _ in 0..entries {
-        let (column, share) = (columns.word()?, f32::from(shares.short()?) * scale);
+        let column = columns.word()?;
+        let share = f32::from(shares.short()?) * scale;
         if column >= nodes {
             return Err(std::format!("it names node {column}, and there are {nodes}"));
         }
@@ -439,7 +451,8 @@ pub(super) fn decode_row(bytes: &[u8], nodes: u32) -> Result<Record, String> {
                 return Err(std::format!("a point lies at {position}"));
             }
             let mut three = || Ok::<_, String>([reader.short()?, reader.short()?, reader.short()?]);
-            let (normal, albedo) = (three()?, three()?);
+            let normal = three()?;
+            let albedo = three()?;
             Ok(LitPoint {
                 position,
                 normal: Vec3::from_array(normal.map(|x| f32::from(x as i16))).normalize_or(Vec3::Y),

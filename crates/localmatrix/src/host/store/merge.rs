@@ -18,7 +18,8 @@ pub fn parent_record(nodes: &[Node], parent: u32, children: &[Record], most_poin
     let own = node.first_child as usize..(node.first_child + node.children) as usize;
     let area: f64 = nodes[own.clone()].iter().map(|child| f64::from(child.area)).sum();
     let mut columns: BTreeMap<u32, f64> = BTreeMap::new();
-    let (mut sky, mut lost) = (0.0, 0.0);
+    let mut sky = 0.0;
+    let mut lost = 0.0;
     for (child, record) in nodes[own.clone()].iter().zip(children) {
         let share = f64::from(child.area) / area;
         sky += share * f64::from(record.sky);
@@ -37,7 +38,8 @@ pub fn parent_record(nodes: &[Node], parent: u32, children: &[Record], most_poin
         .collect();
     let total: f64 = weighted.iter().map(|one| one.0).sum();
     let count = most_points.min(weighted.len());
-    let (mut points, mut passed) = (Vec::with_capacity(count), 0.0);
+    let mut points = Vec::with_capacity(count);
+    let mut passed = 0.0;
     for (own_area, point) in weighted {
         passed += own_area;
         while points.len() < count && total * (points.len() as f64 + 0.5) / count as f64 <= passed {

@@ -95,7 +95,10 @@ impl Store {
             Arc::new(Shared { cache: Mutex::new(Cache::default()), work: Condvar::new(), came: Condvar::new() });
         let source = file.source.again().map_err(|e| file_error(&file.path, &e))?;
         let places: Arc<[_]> = file.blocks.into();
-        let (theirs, path, head, known) = (Arc::clone(&shared), file.path.clone(), file.head, Arc::clone(&places));
+        let theirs = Arc::clone(&shared);
+        let path = file.path.clone();
+        let head = file.head;
+        let known = Arc::clone(&places);
         let read = move |block: u32| {
             let place = known.get(block as usize).cloned().unwrap_or_else(|| {
                 Err(BakeError::Setting { name: "block", found: u64::from(block), rule: "one of the file's" })
@@ -219,7 +222,9 @@ impl World for Store {
         let mut cache = self.shared.lock();
         cache.queue.clear();
         cache.clock += 1;
-        let (now, mut bytes, mut seen) = (cache.clock, 0usize, std::collections::HashSet::new());
+        let now = cache.clock;
+        let mut bytes = 0usize;
+        let mut seen = std::collections::HashSet::new();
         for &node in nodes.iter().filter(|&&node| node < self.head.nodes) {
             let number = self.head.block_of(node);
             if !seen.insert(number) {

@@ -238,7 +238,8 @@ impl BakeWriter {
                 tail.extend(sum.to_le_bytes());
             }
             self.sky.iter().for_each(|sky| tail.extend(sky.to_le_bytes()));
-            let (length, sum) = (tail.len() as u64, crc32fast::hash(&tail));
+            let length = tail.len() as u64;
+            let sum = crc32fast::hash(&tail);
             tail.extend(length.to_le_bytes());
             tail.extend(sum.to_le_bytes());
             tail.extend(END_MAGIC);

@@ -68,7 +68,9 @@ impl BlockMatrix {
         let params = params(n, &settings);
         let all: Vec<usize> = (0..n.div_ceil(settings.tile)).collect();
         let encoded = in_parallel(&all, progress, |t| source.encode(t, &settings, &params))?;
-        let (mut error, mut square, mut permuted_index) = (0.0, 0.0, 0);
+        let mut error = 0.0;
+        let mut square = 0.0;
+        let mut permuted_index = 0;
         let mut in_blocks = InBlocks::default();
         for tile in encoded {
             matrix.words.extend(tile.words);
@@ -131,7 +133,8 @@ fn in_parallel<T: Send>(
     progress: &(dyn Fn(usize, usize) -> ControlFlow<()> + Sync),
     work: impl Fn(usize) -> T + Sync,
 ) -> Result<Vec<T>, Error> {
-    let (done, stop) = (AtomicUsize::new(0), AtomicBool::new(false));
+    let done = AtomicUsize::new(0);
+    let stop = AtomicBool::new(false);
     let made: Vec<Option<T>> = chosen
         .par_iter()
         .map(|&t| {
@@ -220,12 +223,14 @@ struct TileRow {
 
 impl Source<'_> {
     fn encode(&self, tile_row: usize, settings: &BlockSettings, params: &BlockParams) -> TileRow {
-        let (tile, width) = (settings.tile, self.n.next_multiple_of(EDGE));
+        let tile = settings.tile;
+        let width = self.n.next_multiple_of(EDGE);
         let first = tile_row * tile;
         let rows = tile.min(self.n - first);
         let values = self.load(first, rows, width);
         let (filled, scales) = self.fill(&values, rows, width, tile);
-        let (mut words, mut decoded) = (Vec::new(), vec![Vec3::ZERO; values.len()]);
+        let mut words = Vec::new();
+        let mut decoded = vec![Vec3::ZERO; values.len()];
         for (strip, decoded) in filled.chunks(EDGE * width).zip(decoded.chunks_mut(EDGE * width)) {
             let texels: Vec<Vec3> = strip
                 .iter()
@@ -284,7 +289,8 @@ impl Source<'_> {
                 let counts = |(i, j): (usize, usize)| {
                     i < rows && j < self.n && magnitude(values[i * width + j]) <= self.threshold
                 };
-                let (mut sum, mut count) = (Vec3::ZERO, 0u32);
+                let mut sum = Vec3::ZERO;
+                let mut count = 0u32;
                 for (i, j) in (0..EDGE * EDGE).map(at).filter(|&p| counts(p)) {
                     sum += values[i * width + j];
                     count += 1;
@@ -307,7 +313,8 @@ impl Source<'_> {
     /// block lacks in its place, so the entry is exact but for the rounding to halves.
     fn finish_row(&self, values: &[Vec3], decoded: &mut [Vec3], result: &mut TileRow) {
         let before = result.outliers.len();
-        let (mut sum, mut decoded_sum) = ([0.0f64; 3], [0.0f64; 3]);
+        let mut sum = [0.0f64; 3];
+        let mut decoded_sum = [0.0f64; 3];
         for (k, (value, decoded)) in values.iter().zip(decoded.iter_mut()).enumerate() {
             if magnitude(*value) > self.threshold {
                 let words = pack(k as u32, *value - *decoded);

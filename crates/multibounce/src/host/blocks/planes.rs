@@ -93,7 +93,8 @@ fn mix(ends: [(u32, u32); 3], subset: u32, weights: &[u32; TEXELS]) -> [u32; TEX
                 x[2]
             }
         };
-        let (a, b) = (pick(ends.map(|e| e.0)), pick(ends.map(|e| e.1)));
+        let a = pick(ends.map(|e| e.0));
+        let b = pick(ends.map(|e| e.1));
         *value = (a * (64 - weights[k]) + b * weights[k] + 32) >> 6;
     }
     out
@@ -114,7 +115,8 @@ fn colors(ends: u32, words: u32, opaque: bool) -> Option<Planes> {
     let channel = |shift: u32, count: u32| {
         let most = (1u32 << count) - 1;
         let one = |c: u32| (c >> shift & most) as f32 * (1.0 / most as f32);
-        let (a, b) = (one(ends), one(ends >> 16));
+        let a = one(ends);
+        let b = one(ends >> 16);
         shares.map(|share| a + (b - a) * share)
     };
     Some([channel(11, 5), channel(5, 6), channel(0, 5)])
@@ -136,10 +138,12 @@ impl PlaneFormat for Bc3 {
         let Some(planes) = colors(words.z, words.w, true) else {
             return texel_by_texel::<Self>(words, |texel| texel.truncate() * texel.w);
         };
-        let (a, b) = (words.x & 255, words.x >> 8 & 255);
+        let a = words.x & 255;
+        let b = words.x >> 8 & 255;
         // Six numbers between the ends, or four, 0 and 1.
         let steps = if a > b { 7 } else { 5 };
-        let (a, b) = (a as f32 * (1.0 / 255.0), b as f32 * (1.0 / 255.0));
+        let a = a as f32 * (1.0 / 255.0);
+        let b = b as f32 * (1.0 / 255.0);
         let step = (b - a) * (1.0 / steps as f32);
         let mut alphas = [0.0f32; TEXELS];
         for (alpha, index) in alphas.iter_mut().zip(indices(bits_from(words, 16), 3)) {
@@ -200,7 +204,8 @@ impl PlaneFormat for Bc7 {
         if block.index_bits == 0 || block.second_bits > 0 {
             return texel_by_texel::<Self>(words, Vec4::truncate);
         }
-        let (second, third) = (block.anchor.min(block.third_anchor), block.anchor.max(block.third_anchor));
+        let second = block.anchor.min(block.third_anchor);
+        let third = block.anchor.max(block.third_anchor);
         let weights = weights(words, block.index_start, block.index_bits, [0, second, third]);
         let ends =
             [(block.low, block.high), (block.second_low, block.second_high), (block.third_low, block.third_high)];

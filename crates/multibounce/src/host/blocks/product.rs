@@ -51,7 +51,8 @@ impl LinearOperator for BlockMatrix {
 
 impl BlockMatrix {
     fn gather<F: PlaneFormat>(&self, light: &[Vec4], ordered: &mut [Vec4]) {
-        let (arch, p) = (Arch::new(), self.params(0, self.block_count() as u32));
+        let arch = Arch::new();
+        let p = self.params(0, self.block_count() as u32);
         // Each channel of the light of a block's columns, once for each of its rows.
         let mut lanes = vec![[[0.0f32; TEXELS]; 3]; self.block_count()];
         for (lanes, light) in lanes.iter_mut().zip(light.chunks(EDGE)) {
@@ -76,7 +77,8 @@ impl BlockMatrix {
             for (k, out) in out.iter_mut().enumerate() {
                 let i = row * EDGE + k;
                 if i < self.len() {
-                    let (start, entries) = (&self.outliers.start, &self.outliers.entries);
+                    let start = &self.outliers.start;
+                    let entries = &self.outliers.entries;
                     *out = (sums[k] + gather_outliers(i as u32, &p, 0, 1, start, entries, light)).extend(0.0);
                 }
             }

@@ -127,7 +127,8 @@ pub fn all_bounces_stored(
     out.held_bytes = sizes.bytes;
     let factor = Factor::new(&ordered, &sqrt_albedo, order, &sizes, workspace, (&mut panel, &mut two), &mut step)?;
     for k in 0..panels {
-        let (first, columns) = (k * sizes.width, &mut panel[..sizes.rows * sizes.width]);
+        let first = k * sizes.width;
+        let columns = &mut panel[..sizes.rows * sizes.width];
         // Nothing is 0, for the reason of FLOOR.
         columns.par_chunks_mut(sizes.rows).enumerate().for_each(|(c, column)| {
             column.fill(FLOOR);
@@ -185,7 +186,8 @@ impl Factor {
         let this = Self { file, edge, rows };
         let parallel = faer::get_global_parallelism();
         for k in 0..blocks {
-            let (first, below) = (k * edge, rows - k * edge);
+            let first = k * edge;
+            let below = rows - k * edge;
             let panel = &mut panel[..below * edge];
             panel.par_chunks_mut(below).enumerate().for_each(|(c, column)| {
                 column.fill(-FLOOR);

@@ -20,7 +20,8 @@ impl Ordered {
     pub fn new(factors: &Factors, order: &[u32], permuted_index: &[u32]) -> Result<Self, Error> {
         factors.check_reciprocal()?;
         let sqrt_area: Vec<f32> = factors.area.iter().map(|&a| scene::math::sqrt(a)).collect();
-        let (mut start, mut entries) = (Vec::with_capacity(order.len() + 1), Vec::with_capacity(factors.values.len()));
+        let mut start = Vec::with_capacity(order.len() + 1);
+        let mut entries = Vec::with_capacity(factors.values.len());
         start.push(0);
         for &i in order {
             entries.extend(

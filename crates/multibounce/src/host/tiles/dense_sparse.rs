@@ -72,7 +72,8 @@ pub(super) fn dense_sparse_block(
 ) {
     let light = light.as_chunks::<{ LIGHT_WORDS as usize }>().0;
     for (part, rows) in rows.chunks_exact_mut(LANE_COUNT).enumerate() {
-        let (edge, mut planes) = (block * PARTS as usize + part, [[0.0; LANE_COUNT]; 3]);
+        let edge = block * PARTS as usize + part;
+        let mut planes = [[0.0; LANE_COUNT]; 3];
         let own = tables.sub_block_start[edge] as usize..tables.sub_block_start[edge + 1] as usize;
         let words = &tables.sub_block_words.as_chunks::<{ SUB_BLOCK_WORDS as usize }>().0[own.clone()];
         dispatch(DenseSubBlocks { sub_blocks: &tables.sub_blocks[own], words, light, planes: &mut planes });
@@ -133,7 +134,8 @@ impl WithLanes for Entries<'_> {
     fn with<L: Lanes>(self, _: L) {
         let Self { tables, first, ordered, rows } = self;
         for (p, row) in (first..).zip(rows) {
-            let (start, end) = (tables.row_start[p] as usize, tables.row_start[p + 1] as usize);
+            let start = tables.row_start[p] as usize;
+            let end = tables.row_start[p + 1] as usize;
             let (chunks, rest) = tables.entries[start..end].as_chunks::<4>();
             // The last ones are filled up to four with zeros of column 0: a branch on their number is hard to predict.
             let last = match tables.entries[end - rest.len()..].first_chunk::<4>() {

@@ -61,7 +61,8 @@ pub(super) struct Encoded {
 fn search(encoder: &impl Encoder, epsilon: f64, progress: &Progress) -> Result<Encoded, Error> {
     let mut lambda = encoder.first_lambda(epsilon)?;
     // In the logarithm the error is about half of λ; what is known of both sides bounds the next try.
-    let (mut low, mut high) = (0.0f32, f32::INFINITY);
+    let mut low = 0.0f32;
+    let mut high = f32::INFINITY;
     if encoder.has_sample() {
         for _ in 0..MAX_ROUNDS {
             let error = encoder.sample_error(lambda, progress)?;
@@ -281,8 +282,10 @@ struct Bank<'a> {
 impl<'a> Bank<'a> {
     /// Packs the vectors of each block, whose words are given.
     pub fn new<'b>(vectors: &'a mut [Vec<Vector>], words_of: impl Fn(&Vector) -> &'b [u32]) -> Self {
-        let (mut groups, mut words) = (Vec::new(), Vec::new());
-        let (mut runs, mut run_start) = (Vec::new(), vec![0]);
+        let mut groups = Vec::new();
+        let mut words = Vec::new();
+        let mut runs = Vec::new();
+        let mut run_start = vec![0];
         let mut indexed: Vec<Option<&Vector>> = Vec::new();
         for (block, vectors) in (0u32..).zip(vectors) {
             vectors.sort_by_key(|vector| (vector.alike, vector.is_multiplied));
@@ -338,7 +341,8 @@ impl Rows {
         let mut given: Vec<Vec<(u32, f32)>> = vec![Vec::new(); rows];
         for (&(i, j), part) in tiles.iter().zip(parts) {
             for &(r, c, value) in &part.entries {
-                let (r, c) = (i * SIDE + r as usize, j * SIDE + c as usize);
+                let r = i * SIDE + r as usize;
+                let c = j * SIDE + c as usize;
                 given[r].push((c as u32, value));
                 if is_mirrored && i != j {
                     given[c].push((r as u32, value));
@@ -346,7 +350,9 @@ impl Rows {
             }
         }
         let row_start = starts(given.iter().map(Vec::len));
-        let (mut entries, mut steps, mut error) = (Vec::with_capacity(row_start[rows] as usize), Vec::new(), 0.0);
+        let mut entries = Vec::with_capacity(row_start[rows] as usize);
+        let mut steps = Vec::new();
+        let mut error = 0.0;
         for row in &mut given {
             row.sort_unstable_by(|a, b| a.0.cmp(&b.0).then(a.1.total_cmp(&b.1)));
             let most = row.iter().map(|entry| entry.1.abs()).fold(0.0, f32::max);
@@ -375,7 +381,8 @@ impl DenseSubBlocks {
         let mut given: Vec<Vec<(SubBlock, Vec<u32>)>> = vec![Vec::new(); edges];
         for (&(i, j), part) in tiles.iter().zip(parts) {
             for DenseSubBlock { at, step, values } in &part.sub_blocks {
-                let (r, c) = (i * SIDE / EDGE + at.0, j * SIDE / EDGE + at.1);
+                let r = i * SIDE / EDGE + at.0;
+                let c = j * SIDE / EDGE + at.1;
                 let words = |element: &dyn Fn(usize, usize) -> i8| -> Vec<u32> {
                     let byte = |columns: usize, lane: usize, k: usize| {
                         u32::from(element(lane, 4 * columns + k / 2 + 2 * (k % 2)) as u8) << (8 * k)
@@ -391,7 +398,8 @@ impl DenseSubBlocks {
             }
         }
         let start = starts(given.iter().map(Vec::len));
-        let (mut sub_blocks, mut words) = (Vec::new(), Vec::new());
+        let mut sub_blocks = Vec::new();
+        let mut words = Vec::new();
         for edge in &mut given {
             edge.sort_by_key(|(sub_block, _)| sub_block.column);
             for (sub_block, own) in edge.iter() {

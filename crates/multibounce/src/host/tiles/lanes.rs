@@ -257,7 +257,8 @@ impl Lanes for V3 {
         let b = self.add(self.load(&vectors[1], 0), self.load(&vectors[1], 1));
         let c = self.add(self.load(&vectors[2], 0), self.load(&vectors[2], 1));
         let d = self.add(self.load(&vectors[3], 0), self.load(&vectors[3], 1));
-        let (ab, cd) = (self.horizontal_add_pack_u32x8(a, b), self.horizontal_add_pack_u32x8(c, d));
+        let ab = self.horizontal_add_pack_u32x8(a, b);
+        let cd = self.horizontal_add_pack_u32x8(c, d);
         let [low, high]: [pulp::u32x4; 2] = cast(self.horizontal_add_pack_u32x8(ab, cd));
         cast(self.wrapping_add_u32x4(low, high))
     }
@@ -364,9 +365,11 @@ mod tests {
     }
 
     fn all<L: Lanes>(l: L, vectors: &[U32x16; 4]) -> ([U32x16; 19], [i32; 4], [u32; LANES as usize]) {
-        let (mut out, mut row) = ([[0; LANES as usize]; 19], [0.25f32; LANES as usize]);
+        let mut out = [[0; LANES as usize]; 19];
+        let mut row = [0.25f32; LANES as usize];
         for k in 0..L::EACH {
-            let (a, b) = (l.load(&vectors[0], k), l.load(&vectors[1], k));
+            let a = l.load(&vectors[0], k);
+            let b = l.load(&vectors[1], k);
             out.iter_mut().zip(results(l, a, b)).for_each(|(out, word)| l.store(out, k, word));
             l.add_scaled(&mut row, k, a, 3e-7);
         }

@@ -140,7 +140,9 @@ impl LowRank {
             );
         };
         let sums = self.vt_tables();
-        let (p, r, block) = (permuted_index as usize, permuted_index % TILE, permuted_index as usize / SIDE);
+        let p = permuted_index as usize;
+        let r = permuted_index % TILE;
+        let block = permuted_index as usize / SIDE;
         let mut permuted_row = vec![Vec3::ZERO; self.column_blocks() * SIDE];
         let group_start = |block: usize| self.runs[self.run_start[block] as usize];
         for index in GROUP_VECTORS * group_start(block)..GROUP_VECTORS * group_start(block + 1) {
@@ -239,7 +241,8 @@ struct Quantise<'a> {
 impl WithLanes for Quantise<'_> {
     #[inline(always)]
     fn with<L: Lanes>(self, _: L) {
-        let (mut planes, mut most) = ([[0.0; SIDE]; 3], Vec4::ZERO);
+        let mut planes = [[0.0; SIDE]; 3];
+        let mut most = Vec4::ZERO;
         for (r, x) in self.block.iter().enumerate() {
             most = most.max(x.abs());
             (planes[0][r], planes[1][r], planes[2][r]) = (x.x, x.y, x.z);
@@ -288,7 +291,8 @@ pub fn multiply_vt_all(tables: &VtTables, light: &[u32], sums: &mut [Vec4]) {
     tasks.for_each(|((groups, scale), sums)| {
         let mut done = 0;
         for alike in groups.chunk_by(|a, b| a.tag == b.tag) {
-            let (first, end) = (done, done + alike.len());
+            let first = done;
+            let end = done + alike.len();
             done = end;
             let block = (LIGHT_WORDS / LANES) as usize * alike[0].block() as usize;
             let light = &light[block..block + (LIGHT_WORDS / LANES) as usize];
@@ -299,7 +303,8 @@ pub fn multiply_vt_all(tables: &VtTables, light: &[u32], sums: &mut [Vec4]) {
                 sums[first..end].fill([Vec4::ZERO; VECTORS]);
                 continue;
             }
-            let (scale, sums) = (&scale[first..end], &mut sums[first..end]);
+            let scale = &scale[first..end];
+            let sums = &mut sums[first..end];
             dispatch(MultiplyVt { groups: alike, words, light, steps, scale, sums });
         }
     });
@@ -345,7 +350,8 @@ impl Factors for Sums<'_> {
     #[inline(always)]
     fn of(self, run: usize) -> RunFactors {
         let paired = &self.paired[VECTORS * self.runs[run] as usize..VECTORS * self.runs[run + 1] as usize];
-        let (mut own, mut most) = ([Vec4::ZERO; (RUN_GROUPS * GROUP_VECTORS) as usize], Vec4::ZERO);
+        let mut own = [Vec4::ZERO; (RUN_GROUPS * GROUP_VECTORS) as usize];
+        let mut most = Vec4::ZERO;
         for (z, &other) in own.iter_mut().zip(paired) {
             if other != NO_VECTOR {
                 *z = self.sums[other as usize];
@@ -357,7 +363,8 @@ impl Factors for Sums<'_> {
         let mut factors = [0; FACTOR_WORDS as usize];
         let (pairs, last) = factors.split_at_mut(4 * RUN_PAIRS as usize);
         for (words, two) in pairs.chunks_exact_mut(4).zip(own[..paired.len()].chunks_exact(2)) {
-            let (a, b) = (two[0].to_array(), two[1].to_array());
+            let a = two[0].to_array();
+            let b = two[1].to_array();
             for (c, word) in words[..3].iter_mut().enumerate() {
                 *word = quantised(a[c], inverse[c]) & 0xffff | quantised(b[c], inverse[c]) << 16;
             }
@@ -398,7 +405,8 @@ impl UTables<'_> {
 pub fn multiply_u_all(tables: &UTables, factors: &[u32], rows: &mut [Vec4]) {
     let (factors, (splits, _)) = (factors.as_chunks().0, rows.as_chunks_mut::<SIDE>());
     splits.par_iter_mut().enumerate().for_each(|(k, rows)| {
-        let (block, split) = (k / SPLITS as usize, k % SPLITS as usize);
+        let block = k / SPLITS as usize;
+        let split = k % SPLITS as usize;
         let mut planes = NO_PLANES;
         add_split(tables, factors, block, split, &mut planes);
         rows.iter_mut().enumerate().for_each(|(r, row)| *row = row_of_planes(&planes, r));
@@ -479,7 +487,8 @@ fn vector_pairs<L: Lanes, const SHORT: bool, const VECTOR_LEN: usize>(
 
 #[inline(always)]
 fn merged<L: Lanes>(l: L, a: &U32x16, b: &U32x16, half: usize, k: usize) -> L::Word {
-    let (a, b) = (l.load(a, k), l.load(b, k));
+    let a = l.load(a, k);
+    let b = l.load(b, k);
     if half == 0 { l.low(a, b) } else { l.high(a, b) }
 }
 
@@ -504,7 +513,9 @@ impl WithLanes for MultiplyVt<'_> {
 impl MultiplyVt<'_> {
     #[inline(always)]
     fn sums<L: Lanes, const SHORT: bool, const VECTOR_LEN: usize, const C: usize>(self, l: L, channels: [usize; C]) {
-        let (mut light, mut biases, mut steps) = ([&self.light[..PAIRS_OF_PARTS]; C], [IVec4::ZERO; C], [0.0; C]);
+        let mut light = [&self.light[..PAIRS_OF_PARTS]; C];
+        let mut biases = [IVec4::ZERO; C];
+        let mut steps = [0.0; C];
         for (k, c) in channels.into_iter().enumerate() {
             light[k] = &self.light[c * PAIRS_OF_PARTS..(c + 1) * PAIRS_OF_PARTS];
             let sum: i32 = light[k].as_flattened().iter().map(|&word| both(word)).sum();
@@ -526,7 +537,8 @@ impl MultiplyVt<'_> {
                     }
                 }
             }
-            let (scale, mut columns) = (Vec4::from_array(*scale), [Vec4::ZERO; 4]);
+            let scale = Vec4::from_array(*scale);
+            let mut columns = [Vec4::ZERO; 4];
             for (k, c) in channels.into_iter().enumerate() {
                 let sum = IVec4::from_array(l.totals(&lanes[k])) - biases[k];
                 columns[c] = sum.as_vec4() * steps[k] * scale;

@@ -78,7 +78,8 @@ impl Source<'_> {
     }
 
     fn encode_block(&self, block: usize, costs: &Costs) -> Result<BlockRow, Error> {
-        let (mut parts, mut whole) = (Vec::new(), 0.0);
+        let mut parts = Vec::new();
+        let mut whole = 0.0;
         for (j, entries) in self.entries(block)?.into_iter().enumerate() {
             if !entries.is_empty() {
                 let mut tile = dense(&entries);
@@ -100,7 +101,8 @@ impl Source<'_> {
 
     fn encode_all(&self, blocks: &[usize], lambda: f32, progress: &Progress) -> Result<Vec<BlockRow>, Error> {
         let costs = Costs { lambda, ..Costs::RECTANGULAR };
-        let (done, total) = (AtomicUsize::new(0), blocks.len());
+        let done = AtomicUsize::new(0);
+        let total = blocks.len();
         let cancelled = |done: usize| Err(transport::Error::Cancelled { done, total }.into());
         let work = |&block: &usize| {
             let row = self.encode_block(block, &costs)?;
@@ -168,7 +170,8 @@ impl Encoder for Source<'_> {
     fn encode(&self, lambda: f32, progress: &Progress) -> Result<Encoded, Error> {
         let made = self.encode_all(&self.all, lambda, progress)?;
         let norm: f64 = made.iter().map(|row| row.norm).sum();
-        let (mut at, mut parts) = (Vec::new(), Vec::new());
+        let mut at = Vec::new();
+        let mut parts = Vec::new();
         for (i, row) in made.into_iter().enumerate() {
             at.extend(row.parts.iter().map(|part| (i, part.0)));
             parts.extend(row.parts.into_iter().map(|part| part.1));

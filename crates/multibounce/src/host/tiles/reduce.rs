@@ -55,7 +55,8 @@ impl Costs {
 
     /// With so many bytes for a rank-1 term beside its vectors, and for an entry.
     const fn new(fixed: f32, entry: f32) -> Self {
-        let (short, sub_block) = (SIDE as f32 + fixed, (EDGE * EDGE + 8) as f32);
+        let short = SIDE as f32 + fixed;
+        let sub_block = (EDGE * EDGE + 8) as f32;
         Self { lambda: 0.0, short, long: short + SIDE as f32, sub_block, entry }
     }
 
@@ -178,7 +179,8 @@ impl Bases {
             for first in (0..SIDE).step_by(extent) {
                 let middle = first + extent / 2;
                 let sum = |range: core::ops::Range<usize>| sqrt_area[range].iter().map(|r| r * r).sum::<f32>();
-                let (left, right) = (sum(first..middle), sum(middle..first + extent));
+                let left = sum(first..middle);
+                let right = sum(middle..first + extent);
                 let mut vector = vec![0.0; SIDE];
                 (first..middle).for_each(|p| vector[p] = sqrt_area[p] / left);
                 (middle..first + extent).for_each(|p| vector[p] = -sqrt_area[p] / right);
@@ -188,7 +190,8 @@ impl Bases {
         }
         let sum: f32 = basis.iter().map(|(_, extent)| scene::math::pow(*extent, 2.0 * even)).sum();
         let scale = scene::math::sqrt(SIDE as f32 / sum);
-        let (mut there, mut back) = (Mat::zeros(SIDE, SIDE), Mat::zeros(SIDE, SIDE));
+        let mut there = Mat::zeros(SIDE, SIDE);
+        let mut back = Mat::zeros(SIDE, SIDE);
         for (vector, extent) in &basis {
             let weight = scale * scene::math::pow(*extent, even);
             let length: f32 = vector.iter().map(|x| x * x).sum();
@@ -242,7 +245,8 @@ fn begin(start: Start, tile: &Mat<f32>, weights: (&Weights, &Weights), costs: &C
     };
     // Sub-blocks and entries are what stands out from rank-1 terms with all of their bits.
     let dense_sparse = stands_out(&(tile - low_rank(&smooth, weights, costs)), costs);
-    let (mut rest, mut part) = (tile - &dense_sparse, Part::default());
+    let mut rest = tile - &dense_sparse;
+    let mut part = Part::default();
     take_terms(&mut rest, weights, costs, ALL_CHANNELS, &mut part.terms);
     rest += dense_sparse;
     take_sub_blocks(&mut rest, costs, &mut part.sub_blocks);
@@ -259,7 +263,8 @@ fn low_rank(tile: &Mat<f32>, weights: (&Weights, &Weights), costs: &Costs) -> Ma
 
 /// The sub-blocks and entries that lower the cost, with all of their bits; 0 in between.
 fn stands_out(rest: &Mat<f32>, costs: &Costs) -> Mat<f32> {
-    let (mut left, mut part) = (rest.clone(), Part::default());
+    let mut left = rest.clone();
+    let mut part = Part::default();
     take_sub_blocks(&mut left, costs, &mut part.sub_blocks);
     take_entries(&mut left, costs, &mut part.entries);
     rest - left
@@ -283,7 +288,8 @@ fn take(rest: &mut Mat<f32>, weights: (&Weights, &Weights), costs: &Costs, color
 /// Takes sub-blocks that cost less than their greatest entries would.
 fn take_sub_blocks(rest: &mut Mat<f32>, costs: &Costs, out: &mut Vec<DenseSubBlock>) {
     for at in (0..SIDE / EDGE).flat_map(|i| (0..SIDE / EDGE).map(move |j| (i, j))) {
-        let (mut most, mut sparse) = (0.0f32, 0.0);
+        let mut most = 0.0f32;
+        let mut sparse = 0.0;
         for c in 0..EDGE {
             for r in 0..EDGE {
                 let value = rest[(at.0 * EDGE + r, at.1 * EDGE + c)];
@@ -328,7 +334,8 @@ fn singular_vectors(matrix: &Mat<f32>) -> Option<(Mat<f32>, Col<f32>, Mat<f32>)>
     let parallel = Par::rayon(DECOMPOSITION_THREADS);
     #[cfg(not(feature = "std"))]
     let parallel = Par::Seq;
-    let (mut left, mut right) = (Mat::zeros(n, n), Mat::zeros(n, n));
+    let mut left = Mat::zeros(n, n);
+    let mut right = Mat::zeros(n, n);
     let mut values = Diag::zeros(n);
     let thin = ComputeSvdVectors::Thin;
     let mut memory = MemBuffer::new(svd_scratch::<f32>(n, n, thin, thin, parallel, Default::default()));
@@ -349,7 +356,8 @@ fn terms(tile: &Mat<f32>, weights: (&Weights, &Weights), least: f32) -> Option<(
     let (left, sigma, right) = singular_vectors(&weighted)?;
     // The values descend.
     let count = (0..sigma.nrows()).take_while(|&k| sigma[k] * sigma[k] > least && sigma[k].is_finite()).count();
-    let (mut u, v) = (weights.0.back(left.subcols(0, count)), weights.1.back(right.subcols(0, count)));
+    let mut u = weights.0.back(left.subcols(0, count));
+    let v = weights.1.back(right.subcols(0, count));
     for k in 0..count {
         u.col_mut(k).iter_mut().for_each(|x| *x *= sigma[k]);
     }
@@ -389,14 +397,16 @@ impl Rounded {
     /// Decomposes vectors that are not zero.
     fn new(u: faer::ColRef<f32>, v: faer::ColRef<f32>, most: f32) -> Option<Self> {
         let step = |x: faer::ColRef<f32>| x.iter().fold(0.0f32, |m, x| m.max(x.abs())) / most;
-        let (step_u, step_v) = (step(u), step(v));
+        let step_u = step(u);
+        let step_v = step(v);
         if !(step_u > 0.0 && step_v > 0.0) {
             return None;
         }
         let quantised = |x: faer::ColRef<f32>, step: f32| -> Vec<f32> {
             x.iter().map(|x| scene::math::floor(x / step + 0.5)).collect()
         };
-        let (rows, columns) = (quantised(u, step_u), quantised(v, step_v));
+        let rows = quantised(u, step_u);
+        let columns = quantised(v, step_v);
         // |u vᵀ − û v̂ᵀ|², with squares and products of the vectors.
         let products = |x: faer::ColRef<f32>, w: &[f32], step: f32| {
             x.iter().zip(w).fold([0.0f32; 3], |[a, b, c], (x, w)| {
@@ -411,10 +421,12 @@ impl Rounded {
 
 /// Words of a vector, as [`crate::kernel::tiles::element`] reads them.
 fn pack(vector: &[f32], is_short: bool) -> Vec<u32> {
-    let (lanes, half) = (LANES as usize, PART_PAIRS / 2);
+    let lanes = LANES as usize;
+    let half = PART_PAIRS / 2;
     let mut words = vec![0; if is_short { lanes } else { 2 * lanes }];
     for (r, x) in vector.iter().enumerate() {
-        let (part, lane) = (r as u32 / LANES, r % lanes);
+        let part = r as u32 / LANES;
+        let lane = r % lanes;
         let (row, bits, bias) = if is_short {
             (0, 4 * part, SHORT_BIAS)
         } else {

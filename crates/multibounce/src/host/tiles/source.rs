@@ -67,7 +67,8 @@ impl Matrix<'_> {
             Self::Stored(operator) => return operator.tile((i, j)),
             // Columns, as in the dense matrix.
             Self::Sparse(columns) => {
-                let (first, end) = (i * SIDE, (i + 1) * SIDE);
+                let first = i * SIDE;
+                let end = (i + 1) * SIDE;
                 for (c, column) in columns.iter().skip(j * SIDE).take(SIDE).enumerate() {
                     let from = column.partition_point(|entry| (entry.0 as usize) < first);
                     for &(row, value) in column[from..].iter().take_while(|entry| (entry.0 as usize) < end) {

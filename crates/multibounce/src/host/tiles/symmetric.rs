@@ -49,7 +49,8 @@ impl<'a> SymmetricTiles<'a> {
     }
 
     fn parts(&self, tiles: &[(usize, usize)], lambda: f32, progress: &Progress) -> Result<Vec<Part>, Error> {
-        let (done, total) = (AtomicUsize::new(0), tiles.len());
+        let done = AtomicUsize::new(0);
+        let total = tiles.len();
         let work = |&at: &(usize, usize)| {
             let part = match self.part(at, lambda) {
                 Ok(part) => part,
@@ -63,7 +64,8 @@ impl<'a> SymmetricTiles<'a> {
     }
 
     fn part(&self, at: (usize, usize), lambda: f32) -> Result<Part, Error> {
-        let (mut part, costs) = (Part::default(), Costs { lambda, ..Costs::SYMMETRIC });
+        let mut part = Part::default();
+        let costs = Costs { lambda, ..Costs::SYMMETRIC };
         let weights = (&self.source.weights[at.0], &self.source.weights[at.1]);
         let mut planes = self.source.planes(at)?;
         for (plane, color) in planes.iter_mut().zip([ALL_CHANNELS, 0, 1]) {

@@ -26,7 +26,8 @@ impl ColorBlock {
     /// `opaque` (BC3) always has four colours on a line.
     #[inline]
     fn parse(ends: u32, indices: u32, opaque: bool) -> Self {
-        let (a, b) = (ends & 0xffff, ends >> 16);
+        let a = ends & 0xffff;
+        let b = ends >> 16;
         let has_black = if opaque || a > b { 0 } else { 1 };
         Self { low: unpack_565(a), high: unpack_565(b), has_black, indices }
     }
@@ -92,8 +93,10 @@ impl BlockFormat for Bc3 {
     #[inline]
     fn texel(block: AlphaColorBlock, k: u32) -> Vec4 {
         let bits = super::words::bits(UVec4::new(block.alpha, block.indices, 0, 0), 16 + 3 * k, 3);
-        let (a, b) = (block.alpha & 255, block.alpha >> 8 & 255);
-        let (fa, fb) = (a as f32 * (1.0 / 255.0), b as f32 * (1.0 / 255.0));
+        let a = block.alpha & 255;
+        let b = block.alpha >> 8 & 255;
+        let fa = a as f32 * (1.0 / 255.0);
+        let fb = b as f32 * (1.0 / 255.0);
         let alpha = if bits == 0 {
             fa
         } else if bits == 1 {

@@ -95,7 +95,11 @@ pub struct Bc6h;
 #[inline]
 fn parse_two(w: UVec4, mode: u32) -> HalfBlock {
     let layout = SCATTERED[mode as usize];
-    let (g, b, z, top, widths) = (layout[0], layout[1], layout[2], layout[3], layout[4]);
+    let g = layout[0];
+    let b = layout[1];
+    let z = layout[2];
+    let top = layout[3];
+    let widths = layout[4];
     let width = byte(widths, 0);
     let low_bits = if width < 10 { width } else { 10 };
     let counts = UVec3::new(byte(widths, 1), byte(widths, 2), byte(widths, 3));
@@ -155,7 +159,8 @@ fn parse_one(w: UVec4, width: u32, count: u32) -> HalfBlock {
     );
     let x = UVec3::new(bits(w, 35, count), bits(w, 45, count), bits(w, 55, count));
     let high = if more == 0 { x } else { add_differences(base, x, UVec3::new(count, count, count), width) };
-    let (low, high) = (unquantize3(base, width), unquantize3(high, width));
+    let low = unquantize3(base, width);
+    let high = unquantize3(high, width);
     HalfBlock {
         words: w,
         low,

@@ -104,7 +104,8 @@ impl BlockFormat for Bc7 {
         let reserved = mode == 8;
         let layout = MODES[if reserved { 6 } else { mode } as usize];
         let field = |k: u32| layout >> (4 * k) & 15;
-        let (subsets, partition_bits) = (field(0), field(1));
+        let subsets = field(0);
+        let partition_bits = field(1);
         let more = field(7);
         let start = mode + 1;
         let header = Header {
@@ -117,9 +118,15 @@ impl BlockFormat for Bc7 {
             low_bits: field(4),
             ends: start + partition_bits + more,
         };
-        let (low, high) = (endpoint(w, header, 0), endpoint(w, header, 1));
-        let (mut second_low, mut second_high, mut third_low, mut third_high) = (low, high, low, high);
-        let (mut subset, mut anchor, mut third_anchor) = (0, 16, 16);
+        let low = endpoint(w, header, 0);
+        let high = endpoint(w, header, 1);
+        let mut second_low = low;
+        let mut second_high = high;
+        let mut third_low = low;
+        let mut third_high = high;
+        let mut subset = 0;
+        let mut anchor = 16;
+        let mut third_anchor = 16;
         if subsets > 1 {
             second_low = endpoint(w, header, 2);
             second_high = endpoint(w, header, 3);
@@ -186,7 +193,8 @@ impl BlockFormat for Bc7 {
             }
         }
         let subset = block.subset >> (2 * k) & 3;
-        let (mut low, mut high) = (block.low, block.high);
+        let mut low = block.low;
+        let mut high = block.high;
         if subset == 1 {
             low = block.second_low;
             high = block.second_high;

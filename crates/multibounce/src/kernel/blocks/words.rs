@@ -21,7 +21,8 @@ fn word(w: UVec4, k: u32) -> u32 {
 /// `count` bits from bit `start` on, the lowest first; 0 ≤ `count` < 32.
 #[inline]
 pub(super) fn bits(w: UVec4, start: u32, count: u32) -> u32 {
-    let (k, shift) = (start >> 5, start & 31);
+    let k = start >> 5;
+    let shift = start & 31;
     let low = word(w, k) >> shift;
     // Two shifts: one of 32 has no meaning.
     let high = (word(w, k + 1) << 1) << (31 - shift);

@@ -18,8 +18,12 @@ fn light(k: u32, entries: &[u32], ordered: &[Vec4]) -> Vec3 {
 #[inline]
 fn sparse_row(p: u32, row_start: &[u32], entries: &[u32], steps: &[f32], ordered: &[Vec4]) -> Vec3 {
     // Four sums: an addition takes longer than the loads.
-    let (mut a, mut b, mut c, mut d) = (Vec3::ZERO, Vec3::ZERO, Vec3::ZERO, Vec3::ZERO);
-    let (mut k, end) = (row_start[p as usize], row_start[p as usize + 1]);
+    let mut a = Vec3::ZERO;
+    let mut b = Vec3::ZERO;
+    let mut c = Vec3::ZERO;
+    let mut d = Vec3::ZERO;
+    let mut k = row_start[p as usize];
+    let end = row_start[p as usize + 1];
     while k + 4 <= end {
         a += light(k, entries, ordered);
         b += light(k + 1, entries, ordered);
@@ -57,7 +61,8 @@ fn add_four(sum: IVec3, word: u32, first: (IVec3, IVec3), last: (IVec3, IVec3)) 
 /// Adds what four columns of a sub-block bring to eight rows.
 #[inline]
 fn add_columns(sum: Eight<IVec3>, (x, y): (UVec4, UVec4), first: UVec3, last: UVec3) -> Eight<IVec3> {
-    let (first, last) = ((low(first), high(first)), (low(last), high(last)));
+    let first = (low(first), high(first));
+    let last = (low(last), high(last));
     Eight {
         a: add_four(sum.a, x.x, first, last),
         b: add_four(sum.b, x.y, first, last),
@@ -89,7 +94,8 @@ pub fn dense_sparse(
     steps: &[f32],
     ordered: &[Vec4],
 ) -> [Vec4; 8] {
-    let (part, half) = ((k / 2) as usize, k % 2);
+    let part = (k / 2) as usize;
+    let half = k % 2;
     let mut rows = Eight::splat(Vec3::ZERO);
     for s in sub_block_start[part]..sub_block_start[part + 1] {
         let sub_block = sub_blocks[s as usize];
@@ -99,12 +105,16 @@ pub fn dense_sparse(
         // Eight columns, four at a time.
         for two in 0..2 {
             let at = (pairs + two) as usize;
-            let (red, green, blue) = (light[at], light[at + 2], light[at + 4]);
+            let red = light[at];
+            let green = light[at + 2];
+            let blue = light[at + 4];
             let at = (s * (SUB_BLOCK_WORDS / 4) + two * 2 * U32X4S + 2 * half) as usize;
-            let (x, y) = (UVec3::new(red.x, green.x, blue.x), UVec3::new(red.y, green.y, blue.y));
+            let x = UVec3::new(red.x, green.x, blue.x);
+            let y = UVec3::new(red.y, green.y, blue.y);
             sum = add_columns(sum, (sub_block_words[at], sub_block_words[at + 1]), x, y);
             let at = at + U32X4S as usize;
-            let (z, w) = (UVec3::new(red.z, green.z, blue.z), UVec3::new(red.w, green.w, blue.w));
+            let z = UVec3::new(red.z, green.z, blue.z);
+            let w = UVec3::new(red.w, green.w, blue.w);
             sum = add_columns(sum, (sub_block_words[at], sub_block_words[at + 1]), z, w);
         }
         rows = add_scaled(rows, sum, steps_at(light, first + 3 * CHANNEL_WORDS / 4) * sub_block.step);

@@ -134,7 +134,8 @@ impl Merging {
     }
 
     fn alone(&self, triangle: u32) -> Option<Group> {
-        let (corners, normal) = (&self.corners[triangle as usize], self.normals[triangle as usize]);
+        let corners = &self.corners[triangle as usize];
+        let normal = self.normals[triangle as usize];
         if self.area(triangle) <= 0.0 || !normal.is_finite() {
             return None;
         }
@@ -172,8 +173,10 @@ impl Merging {
             }
             let c = self.corners[triangle as usize];
             for k in 0..3 {
-                let (p, q) = (c[k], c[(k + 1) % 3]);
-                let (a, b) = (key(p), key(q));
+                let p = c[k];
+                let q = c[(k + 1) % 3];
+                let a = key(p);
+                let b = key(q);
                 if a != b {
                     let pair = if less(a, b) { [a, b] } else { [b, a] };
                     ends.push((pair.map(|e| e.to_array()), triangle, p.distance(q)));
@@ -207,7 +210,8 @@ impl Merging {
             return false;
         }
         let Some(both) = self.together(one, two) else { return false };
-        let (first, other) = (a.min(b), a.max(b));
+        let first = a.min(b);
+        let other = a.max(b);
         for &triangle in &both.triangles {
             self.group_of[triangle as usize] = first;
         }
@@ -242,7 +246,8 @@ impl Merging {
         let flat = |group: &Group| -> Vec<[Vec2; 3]> {
             group.triangles.iter().map(|&t| self.corners[t as usize].map(|c| frame.flat(c))).collect()
         };
-        let (one, two) = (flat(one), flat(two));
+        let one = flat(one);
+        let two = flat(two);
         one.iter().any(|a| two.iter().any(|b| triangles_overlap(a, b, OVERLAP * self.texel)))
     }
 

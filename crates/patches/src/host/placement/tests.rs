@@ -41,7 +41,9 @@ fn interpolation_points_take_a_slope_as_it_is_and_leave_no_range() {
     let scene = triangle();
     let field = square(&scene);
     let smooth: Vec<Lights> = field.set.samples.iter().map(|s| light(s.position)).collect();
-    let (mut fit_error, mut mean_error, mut count) = (0.0f32, 0.0f32, 0);
+    let mut fit_error = 0.0f32;
+    let mut mean_error = 0.0f32;
+    let mut count = 0;
     for k in 0..400 {
         let position = Vec3::new(10.0 * unit(hash3(k, 3, 5)), 10.0 * unit(hash3(k, 4, 5)), 100.0);
         let point = SurfacePoint { position, normal: Vec3::Z, ..SurfacePoint::default() };
@@ -73,7 +75,8 @@ fn interpolation_points_take_a_slope_as_it_is_and_leave_no_range() {
     }
     assert!(count > 100, "{count} points");
     // Some points lie outside of their receivers. The mean of the same receivers is wrong.
-    let (fit, mean) = (fit_error / count as f32, mean_error / count as f32);
+    let fit = fit_error / count as f32;
+    let mean = mean_error / count as f32;
     assert!(fit < 0.01 && mean > 2.0 * fit, "fit {fit}, mean {mean}, slope 0.1 an edge");
 }
 
@@ -104,7 +107,8 @@ impl Walker for Looks {
 fn points_that_look_together_take_the_receivers_that_each_would_take() {
     let corner = Vec3::new(5.0, -20.0, 80.0);
     let wall = Triangle { corner, edge_a: 80.0 * Vec3::Y, edge_b: 80.0 * Vec3::Z, ..Triangle::default() };
-    let (uvs, materials) = (vec![TriangleUv::default()], vec![<_>::default()]);
+    let uvs = vec![TriangleUv::default()];
+    let materials = vec![<_>::default()];
     let scene = Scene::new(SceneParts { triangles: vec![wall], uvs, materials, ..<_>::default() }).unwrap();
     let field = square(&scene);
     let point = |k: u32| {
@@ -160,7 +164,8 @@ fn smoothing_takes_noise_and_leaves_slopes() {
     let error = |estimates: &Estimates, rows: &[Vec<Entry>]| {
         let each = samples().zip(rows).map(|((_, s), row)| {
             assert!(row.iter().all(|w| w.1 >= 0.0) && (row.iter().map(|w| w.1).sum::<f32>() - 1.0).abs() < 1e-4);
-            let (found, true_light) = (weighted_sum(row, &estimates.light), light(s.position));
+            let found = weighted_sum(row, &estimates.light);
+            let true_light = light(s.position);
             [0, 1].map(|v| (found[v].x / true_light[v].x - 1.0).powi(2))
         });
         let sum = each.fold([0.0; 2], |a: [f32; 2], b| [a[0] + b[0], a[1] + b[1]]);
@@ -168,7 +173,8 @@ fn smoothing_takes_noise_and_leaves_slopes() {
     };
     let estimates = with(0.2 * 0.2 / 12.0);
     let raw: Vec<Vec<Entry>> = samples().map(|(k, _)| vec![(k as u32, 1.0)]).collect();
-    let (before, after) = (error(&estimates, &raw), error(&estimates, &field.smoothing(&estimates)));
+    let before = error(&estimates, &raw);
+    let after = error(&estimates, &field.smoothing(&estimates));
     assert!(after[0] < 0.75 * before[0] && after[1] < 0.75 * before[1], "{before:?} to {after:?}");
     // Given that noise is twenty times as great, it blurs the step.
     let wrong = with(20.0 * 20.0 * 0.2 * 0.2 / 12.0);

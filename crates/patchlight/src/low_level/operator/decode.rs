@@ -52,7 +52,8 @@ impl Decode {
     /// As [`Self::check`], and [`Error::WideBlocks`] where the texture unit is asked for in vain.
     pub fn on(self, device: &DeviceInfo, matrix: &BlockMatrix) -> Result<Decoder, Error> {
         self.check(device)?;
-        let (edge, needed) = (device.max_image_edge, matrix.block_count() * BLOCK as usize);
+        let edge = device.max_image_edge;
+        let needed = matrix.block_count() * BLOCK as usize;
         let fits = needed <= edge as usize;
         match self {
             Self::Texture if !fits => {
@@ -109,7 +110,8 @@ mod tests {
         let bare = DeviceInfo { has_block_images: false, ..card.clone() };
         let emulated = DeviceInfo { kind: DeviceKind::EmulatedOnCpu, ..card.clone() };
         for codec in BlockCodec::ALL {
-            let (small, large) = (matrix(61, codec), matrix(65, codec));
+            let small = matrix(61, codec);
+            let large = matrix(65, codec);
             let texture = Decoder::Texture { edge: 64 };
             assert_eq!(Decode::Auto.on(&card, &small).unwrap(), texture);
             for (device, matrix) in [(&card, &large), (&bare, &small), (&native, &small)] {

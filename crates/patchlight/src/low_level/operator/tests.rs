@@ -90,7 +90,8 @@ fn every_codec_gives_the_light_of_all_bounces() {
     let three = between.bounces(&albedo, Some(3), &Silent).unwrap();
     let light = light(n);
     // Bounce by bounce, until nothing changes.
-    let (mut exitance, mut exact) = (light.clone(), vec![Vec4::ZERO; n]);
+    let mut exitance = light.clone();
+    let mut exact = vec![Vec4::ZERO; n];
     for _ in 0..200 {
         between.factors.apply(&exitance, &mut exact).unwrap();
         exitance = (0..n).map(|i| light[i] + albedo[i] * exact[i]).collect();
@@ -116,7 +117,8 @@ fn the_rows_are_those_of_the_product() {
     let (between, albedo) = cornell();
     let n = albedo.len();
     let operators = between.bounces(&albedo, None, &Silent).unwrap();
-    let (light, mut row) = (light(n), vec![Vec3::ZERO; n]);
+    let light = light(n);
+    let mut row = vec![Vec3::ZERO; n];
     for (codec, _) in CODECS {
         let operator = made(codec, operators.each_ref(), &between);
         let expected = product(&operator, &light);
@@ -243,7 +245,8 @@ fn run_product(
 fn the_passes_give_the_product_of_the_host_for_every_size_of_a_binding() {
     let (between, albedo) = cornell();
     let operators = between.bounces(&albedo, None, &Silent).unwrap();
-    let (n, light) = (albedo.len(), light(albedo.len()));
+    let n = albedo.len();
+    let light = light(albedo.len());
     assert_ne!(n % 4, 0, "whole blocks hide what happens beyond them");
     for (codec, _) in CODECS {
         let channels = Channels::Three(operators.each_ref());
@@ -290,7 +293,8 @@ fn texture_units_give_the_product_of_the_host_from_one_image_and_from_several() 
     };
     let (between, albedo) = cornell();
     let operators = between.bounces(&albedo, None, &Silent).unwrap();
-    let (n, light) = (albedo.len(), light(albedo.len()));
+    let n = albedo.len();
+    let light = light(albedo.len());
     for codec in BlockCodec::ALL {
         let channels = Channels::Three(operators.each_ref());
         let mut operator = PatchOperator::encode(Codec::Blocks(codec), channels, &between, 1, &Silent).unwrap();

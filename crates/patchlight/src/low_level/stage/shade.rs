@@ -325,7 +325,8 @@ fn add_sub_frame(
     }
     let mut albedo = Vec::new();
     for &band in &shade.bands {
-        let (hits, own) = (buffers.hits_of(band), buffers.albedo_of(band));
+        let hits = buffers.hits_of(band);
+        let own = buffers.albedo_of(band);
         match buffers.chains_of(band) {
             None => albedo.push(scene.albedo(plan, "shade", &[hits, own], band.count)?),
             // Points are a part of what is seen; their passes stand after those whose push constants change.
@@ -363,7 +364,8 @@ fn add_band(
     let camera = PixelParams { count: band.count, first: band.first, ..PixelParams::default() };
     let own = |indirect: Range, sum: BufferId| {
         let direct = band.of::<Rgb>(buffers.direct);
-        let (hits, albedo) = (buffers.hits_of(band), buffers.albedo_of(band));
+        let hits = buffers.hits_of(band);
+        let albedo = buffers.albedo_of(band);
         let light = [hits, albedo, ("direct", direct), ("indirect", indirect), ("sum", band.of::<Rgb>(sum))];
         light.into_iter().chain(buffers.chains_of(band)).collect::<Vec<Named>>()
     };
@@ -488,7 +490,8 @@ impl Shade {
                 }
                 let pixels = PixelParams { first, count, ..pixels };
                 if self.pixels.chains.is_some() {
-                    let (ray_offset, absorption) = (direct.ray_offset, self.medium.absorption);
+                    let ray_offset = direct.ray_offset;
+                    let absorption = self.medium.absorption;
                     let follow = FollowParams { pixels, absorption, ray_offset, count, ..FollowParams::default() };
                     executor.push(*primary, &follow)?;
                     continue;

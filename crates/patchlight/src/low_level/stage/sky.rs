@@ -34,7 +34,8 @@ pub struct SkyLight {
 /// What the plan says.
 pub fn add(frame: &mut FramePlan, tables: &ReceiverTables) -> Result<SkyLight, ExecutorError> {
     let receivers = &frame.bake.receivers;
-    let (count, first_smooth) = (receivers.points.len(), receivers.first_smooth());
+    let count = receivers.points.len();
+    let first_smooth = receivers.first_smooth();
     let range = frame.binding_bytes();
     let plan = &mut frame.plan;
     let first = plan.passes().len();

@@ -74,7 +74,8 @@ pub fn add(
 ) -> Result<Option<View>, ExecutorError> {
     let Some((tables, rows)) = tables.and_then(|tables| Some((tables, tables.rows.as_ref()?))) else { return Ok(None) };
     let receivers = &frame.bake.receivers;
-    let (count, first_smooth) = (receivers.points.len(), receivers.first_smooth());
+    let count = receivers.points.len();
+    let first_smooth = receivers.first_smooth();
     let point_count = receivers.interpolation.points.len();
     let points = Rows::new(frame, point_count);
     let received = Rows::new(frame, first_smooth + count);
@@ -108,7 +109,8 @@ pub fn add(
 
     let cleared =
         vec![points.marks, points.computed, received.marks, received.computed, frame.received, frame.interpolated];
-    let (points, received) = (points.marks, received.marks);
+    let points = points.marks;
+    let received = received.marks;
     let view = View {
         mark_pixels: of_bands,
         mark_receivers,

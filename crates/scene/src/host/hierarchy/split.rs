@@ -25,7 +25,8 @@ struct Item {
 
 impl Item {
     fn new((triangle, t): (usize, &Triangle)) -> Self {
-        let (a, b) = (t.corner + t.edge_a, t.corner + t.edge_b);
+        let a = t.corner + t.edge_a;
+        let b = t.corner + t.edge_b;
         Self { low: t.corner.min(a).min(b), high: t.corner.max(a).max(b), triangle: triangle as u32 }
     }
 

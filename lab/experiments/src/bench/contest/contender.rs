@@ -10,9 +10,10 @@ use glam::{Vec3, Vec4};
 use opponents::denoise::{DenoiseSettings, Guides, denoise};
 use opponents::{Ddgi, DdgiSettings, IrradianceVolume, Lpv, LpvSettings, ProxyLookup, ViewedPoint, VolumeSettings};
 use reference::{Accumulation, PathSettings, PathTracer, Picture, Strategy};
-use runtime::executor::{DeviceChoice, DeviceKind, Executor, open};
+use runtime::executor::{DeviceChoice, DeviceKind, Executor};
 use scene::sampling::hash3;
 use scene::{Lighting, NONE, Scene, SurfacePoint};
+use shell::device::open;
 
 use super::View;
 use super::field::{Between, PatchMethod};

@@ -201,12 +201,12 @@ impl<'a> Field<'a> {
     /// The project's own methods with fewer patches, fewer receivers, and fewer rays from each.
     fn small(&self) -> Result<Contenders<'a>, Error> {
         let View { common, args, loaded, .. } = *self.view;
-        let settings = BakeSettings {
-            patch_count: (self.bake.mesh.patches.len() / FEWER_PATCHES).max(1),
-            estimator: Estimator::Hemisphere { rays: (args.rays / FEWER_RAYS).max(1) },
-            receiver_rays: (args.receiver_rays() / FEWER_RAYS).max(1),
-            ..self.bake.settings
-        };
+        let settings = self
+            .bake
+            .settings
+            .with_patch_count((self.bake.mesh.patches.len() / FEWER_PATCHES).max(1))
+            .with_estimator(Estimator::Hemisphere { rays: (args.rays / FEWER_RAYS).max(1) })
+            .with_receiver_rays((args.receiver_rays() / FEWER_RAYS).max(1));
         let start = Instant::now();
         let bake = Arc::new(Bake::build(&loaded.scene, &settings, self.progress)?);
         let bake_s = start.elapsed().as_secs_f64();
@@ -225,7 +225,7 @@ impl<'a> Field<'a> {
         if triangles > MAX_POLYGONS * patches {
             return Ok(Err(format!("hierarchical radiosity, whose patches are parts of the {triangles} triangles")));
         }
-        let settings = BakeSettings { patches: PatchKind::Polygon, ..self.bake.settings };
+        let settings = self.bake.settings.with_patches(PatchKind::Polygon);
         let start = Instant::now();
         let bake = Arc::new(Bake::build(scene, &settings, self.progress)?);
         let method =

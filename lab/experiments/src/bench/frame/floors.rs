@@ -103,7 +103,8 @@ pub fn operations_g() -> f64 {
         let sums: Vec<Vec4> = (0..threads)
             .into_par_iter()
             .map(|thread| {
-                let (a, b) = (black_box(Vec4::splat(0.5)), black_box(Vec4::splat(thread as f32)));
+                let a = black_box(Vec4::splat(0.5));
+                let b = black_box(Vec4::splat(thread as f32));
                 let mut sums = [a; SUMS];
                 for _ in 0..ADDITIONS / SUMS {
                     for sum in &mut sums {
@@ -146,8 +147,8 @@ pub fn table(machine: &Machine, operations_g: f64, rows: &[Row]) -> Table {
     let numbers = ["MB", "million operations", "ms to read", "ms to calculate", "ms", "times the floor"];
     Table {
         caption: format!(
-            "Floors of the passes: tables read once at {:.1} GB/s and numbers multiplied and added at {operations_g:.0}·10⁹ \
-             a second on all cores; rays are not counted.",
+            "Floors of the passes: tables read once at {:.1} GB/s and numbers multiplied and added at \
+             {operations_g:.0}·10⁹ a second on all cores; rays are not counted.",
             machine.stream_gb_s
         ),
         head: head.into_iter().chain(numbers).map(str::to_owned).collect(),

@@ -154,9 +154,9 @@ pub(super) fn table(rows: &[Row]) -> Option<Table> {
     };
     let lines: Vec<_> = rows.iter().filter_map(line).collect();
     (!lines.is_empty()).then(|| Table {
-        caption: "Texture blocks. The mean squared error is that of the entries in blocks, without outliers, by the order of \
-                  rows and columns; bytes are those of all channels, outliers and scales over one number of single precision \
-                  an entry; times of the CPU but for the last two."
+        caption: "Texture blocks. The mean squared error is that of the entries in blocks, without outliers, by the \
+                  order of rows and columns; bytes are those of all channels, outliers and scales over one number of \
+                  single precision an entry; times of the CPU but for the last two."
             .to_owned(),
         head: head.map(str::to_owned).to_vec(),
         rows: lines,

@@ -43,8 +43,8 @@ pub struct ReceiverRows {
 impl ReceiverRows {
     pub fn line(&self) -> String {
         format!(
-            "{} receivers, {} rays each: rows of {:.0} entries in {:.1} s; their noise is {:.2} % of the irradiance of the scene's \
-             own light and at most {:.2} % of a compact light's",
+            "{} receivers, {} rays each: rows of {:.0} entries in {:.1} s; their noise is {:.2} % of the irradiance \
+             of the scene's own light and at most {:.2} % of a compact light's",
             self.receivers,
             self.rays,
             self.entries,

@@ -81,9 +81,9 @@ pub fn text(record: &Record<Row>) -> String {
     let cases = nearest(&all);
     let met = cases.iter().filter(|(_, missed)| missed.is_empty()).count();
     let mut text = format!(
-        "The bar of this project: in each scene tiles and temporal better than the best setting of DDGI, that with the greatest \
-         PSNR, in PSNR and SSIM of indirect light, error at points and time of a light update, at equal or less memory, all with \
-         one setting. It is met in {met} of {} cases, each a method in a scene.",
+        "The bar of this project: in each scene tiles and temporal better than the best setting of DDGI, that with \
+         the greatest PSNR, in PSNR and SSIM of indirect light, error at points and time of a light update, at equal \
+         or less memory, all with one setting. It is met in {met} of {} cases, each a method in a scene.",
         cases.len()
     );
     for (name, ..) in BAR {

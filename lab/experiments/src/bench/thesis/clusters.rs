@@ -95,7 +95,8 @@ impl Part {
         self.own.sort_by(|&a, &b| centre[a as usize][axis].total_cmp(&centre[b as usize][axis]).then(a.cmp(&b)));
         let upper = self.own.split_off(self.own.len() / 2);
         let at = upper.first().map_or(self.high[axis], |&patch| centre[patch as usize][axis]);
-        let (mut low, mut high) = (self.low, self.high);
+        let mut low = self.low;
+        let mut high = self.high;
         (low[axis], high[axis]) = (at, at);
         [Self { high, ..self.clone() }, Self { low, high: self.high, own: upper }]
     }
@@ -124,8 +125,12 @@ fn measure(subject: &Subject, whole: &[Vec4], clusters: usize, overlap: f32) -> 
         parts = parts.into_iter().flat_map(|part| part.halves(&centre)).collect();
     }
     let form_factors = subject.rows();
-    let (mut found, mut part_of) = (vec![Vec4::ZERO; n], vec![0; n]);
-    let (mut largest, mut entries, mut multiplications, mut made_s) = (0, 0, 0, 0.0);
+    let mut found = vec![Vec4::ZERO; n];
+    let mut part_of = vec![0; n];
+    let mut largest = 0;
+    let mut entries = 0;
+    let mut multiplications = 0;
+    let mut made_s = 0.0;
     for (number, part) in parts.iter().enumerate() {
         let members = part.cluster(&centre, overlap * (high - low).max_element());
         let (matrix, seconds) = timed(|| {
@@ -134,7 +139,8 @@ fn measure(subject: &Subject, whole: &[Vec4], clusters: usize, overlap: f32) -> 
             Ok(matrix)
         })?;
         let slots: Vec<u32> = members.iter().filter_map(|&patch| matrix.slot(patch)).collect();
-        let (mut sent, mut here) = (vec![Vec4::ZERO; members.len()], vec![Vec4::ZERO; members.len()]);
+        let mut sent = vec![Vec4::ZERO; members.len()];
+        let mut here = vec![Vec4::ZERO; members.len()];
         members.iter().zip(&slots).for_each(|(&patch, &slot)| sent[slot as usize] = light[patch as usize]);
         matrix.apply(&sent, &mut here).map_err(patchlight::Error::from)?;
         for (&patch, &slot) in part.own.iter().zip(&slots) {
@@ -216,9 +222,9 @@ fn table(rows: &[Row]) -> Table {
         "95th percentile",
     ];
     Table {
-        caption: "Clusters with matrices of all bounces of their own, beside the matrix of all patches: bytes and multiplications over \
-                  those of it. Overlaps in longest sides of the scene. A step is the difference, between a patch and its neighbour of \
-                  another cluster, of light over that of all patches."
+        caption: "Clusters with matrices of all bounces of their own, beside the matrix of all patches: bytes and \
+                  multiplications over those of it. Overlaps in longest sides of the scene. A step is the difference, \
+                  between a patch and its neighbour of another cluster, of light over that of all patches."
             .into(),
         head: heads.map(str::to_owned).to_vec(),
         rows: rows.iter().map(cells).collect(),

@@ -182,7 +182,8 @@ fn sample(
 fn small(subject: &Subject, carried: &Carried, slots: usize) -> Result<[Row; 2], Error> {
     let patches = subject.factors.area.len();
     let mut flight = Flight::new(subject, slots)?;
-    let (mut printed, mut exact) = ((0, 0.0, Vec::new()), (0, 0.0, Vec::new()));
+    let mut printed = (0, 0.0, Vec::new());
+    let mut exact = (0, 0.0, Vec::new());
     for (frame, &place) in carried.place.iter().enumerate() {
         let change = flight.change(place, if frame == 0 { flight.slots } else { BUDGET })?;
         let seen: Vec<u32> = flight.there.iter().copied().collect();
@@ -230,8 +231,9 @@ fn table(rows: &[Row]) -> Table {
     let heads = ["patches", "way", "millions of multiplications", "processor ms", "distance", "greatest"];
     Table {
         caption: format!(
-            "A frame of {FRAMES} in which a lamp that reaches {REACH} diagonals far is carried through the scene. Distances are relative L2 of the irradiance of all \
-             patches from that of all bounces between all of them; small matrices leave the others without light."
+            "A frame of {FRAMES} in which a lamp that reaches {REACH} diagonals far is carried through the scene. \
+             Distances are relative L2 of the irradiance of all patches from that of all bounces between all of them; \
+             small matrices leave the others without light."
         ),
         head: heads.map(str::to_owned).to_vec(),
         rows: rows.iter().map(cells).collect(),

@@ -64,7 +64,8 @@ impl Work {
 
 /// Figure 4.12, and the curve of P_Vis × P_Lit.
 pub(super) fn figure(study: &Study) -> Result<Outcome, Error> {
-    let (mut rows, mut shares) = (Vec::new(), Vec::new());
+    let mut rows = Vec::new();
+    let mut shares = Vec::new();
     for &count in &study.counts {
         let subject = Subject::new(study, count)?;
         let (row, of_frames) = fly(study, &subject)?;
@@ -114,7 +115,9 @@ fn points(shares: &[(f64, f64)], of: fn(&(f64, f64)) -> f64) -> Vec<(f64, f64)> 
 
 /// The frames of a path; shares of the slots that are visible and lit in each.
 fn fly(study: &Study, subject: &Subject) -> Result<(Row, Vec<(f64, f64)>), Error> {
-    let (factors, light, n) = (&subject.factors, &subject.light, subject.bake.mesh.patches.len());
+    let factors = &subject.factors;
+    let light = &subject.light;
+    let n = subject.bake.mesh.patches.len();
     let operators = subject.operators(None, study)?;
     let all = Channels::Three(operators.each_ref());
     let (whole_light, whole_s) = timed(|| Ok(exact_product(all, &factors.area, light)))?;
@@ -281,8 +284,10 @@ impl Places<'_> {
         product: &Multiply,
     ) -> Result<Vec<Vec4>, Error> {
         let of = |patches: &[u32]| patches.iter().filter_map(|&patch| slot(patch)).collect::<Vec<u32>>();
-        let (rows, columns) = (of(self.seen), of(self.lit));
-        let (mut exitance, mut irradiance) = (vec![Vec4::ZERO; slots], vec![Vec4::ZERO; slots]);
+        let rows = of(self.seen);
+        let columns = of(self.lit);
+        let mut exitance = vec![Vec4::ZERO; slots];
+        let mut irradiance = vec![Vec4::ZERO; slots];
         columns.iter().zip(self.lit).for_each(|(&slot, &patch)| exitance[slot as usize] = self.light[patch as usize]);
         product(&rows, &columns, &exitance, &mut irradiance)?;
         Ok(rows.iter().map(|&slot| irradiance[slot as usize]).collect())
@@ -316,9 +321,10 @@ fn table(rows: &[Row]) -> Table {
     ];
     Table {
         caption: format!(
-            "A frame of {FRAMES} along the scene: multiplications (all channels) and processor time of the product with the whole matrix, \
-             and of changes and the product P_Vis × P_Lit of the local one. Errors of the light of visible patches beside that of all \
-             patches, the greatest; the nearest patches alone lose the light of the others."
+            "A frame of {FRAMES} along the scene: multiplications (all channels) and processor time of the product \
+             with the whole matrix, and of changes and the product P_Vis × P_Lit of the local one. Errors of the \
+             light of visible patches beside that of all patches, the greatest; the nearest patches alone lose the \
+             light of the others."
         ),
         head: heads.map(str::to_owned).to_vec(),
         rows: rows.iter().map(cells).collect(),

@@ -50,13 +50,11 @@ pub(super) struct Subject {
 impl Subject {
     pub fn new(study: &Study, count: u32) -> Result<Self, Error> {
         let scene = &study.loaded.scene;
-        let settings = BakeSettings {
-            patch_count: count as usize,
-            estimator: Estimator::Hemisphere { rays: study.args.rays },
-            receivers: ReceiverKind::Pixels,
-            seed: study.common.seed,
-            ..BakeSettings::default()
-        };
+        let settings = BakeSettings::default()
+            .with_patch_count(count as usize)
+            .with_estimator(Estimator::Hemisphere { rays: study.args.rays })
+            .with_receivers(ReceiverKind::Pixels)
+            .with_seed(study.common.seed);
         let (bake, bake_s) = timed(|| Ok(Bake::build(scene, &settings, study.progress)?))?;
         let factors = SymmetricFactors::new(&bake.mesh, &bake.form_factors.factors)?;
         let light = own_light(scene, &bake.mesh, settings.sample_rays, settings.seed);
@@ -146,7 +144,8 @@ impl Histogram {
         let greatest = all.last().copied().unwrap_or(0.0);
         let kept = all.len() - (GREATEST * all.len() as f64) as usize;
         let sum = |part: &[f32]| part.iter().map(|&x| f64::from(x)).sum::<f64>();
-        let (mut by_decade, mut linear) = (vec![0; DECADES * BINS], vec![0; LINEAR_BINS]);
+        let mut by_decade = vec![0; DECADES * BINS];
+        let mut linear = vec![0; LINEAR_BINS];
         for &x in all.iter().filter(|&&x| x > 0.0) {
             let decades = DECADES as f64 + f64::from(x).log10();
             by_decade[((decades.max(0.0) * BINS as f64) as usize).min(DECADES * BINS - 1)] += 1;
@@ -241,7 +240,8 @@ struct Compressed {
 /// Figures 3.3 and 3.4.
 pub(super) fn compression(study: &Study) -> Result<Outcome, Error> {
     let subject = Subject::new(study, study.counts[0])?;
-    let (n, area) = (subject.len(), &subject.factors.area);
+    let n = subject.len();
+    let area = &subject.factors.area;
     let operators = subject.operators(Some(BOUNCES), study)?;
     let channels = Channels::Three(operators.each_ref());
     let rows = subject.factors.rows(channels);
@@ -292,8 +292,9 @@ pub(super) fn compression(study: &Study) -> Result<Outcome, Error> {
     };
     let table = Table {
         caption: format!(
-            "BC1 of the matrix of {BOUNCES} bounces of {n} patches. As printed: values as they are, zeros in the place of the \
-             greatest 5 %. Pictures, from the left, brighter alike: as printed before (3.3) and after (3.4) listing 3.1, ours."
+            "BC1 of the matrix of {BOUNCES} bounces of {n} patches. As printed: values as they are, zeros in the \
+             place of the greatest 5 %. Pictures, from the left, brighter alike: as printed before (3.3) and after \
+             (3.4) listing 3.1, ours."
         ),
         head: heads(&["compression and order", "MSE in blocks", "MSE of all entries", "error of the light"]),
         rows: found.iter().map(line).collect(),
@@ -330,11 +331,13 @@ struct Bounce {
 /// Figure 3.10.
 pub(super) fn bounces(study: &Study) -> Result<Outcome, Error> {
     let subject = Subject::new(study, study.counts[0])?;
-    let (n, factors) = (subject.len(), &subject.factors);
+    let n = subject.len();
+    let factors = &subject.factors;
     let operators = subject.operators(Some(BOUNCES), study)?;
     let channels = Channels::Three(operators.each_ref());
     let encode = |codec| PatchOperator::encode(codec, channels, factors, study.common.seed, study.progress);
-    let (matrix, bc1) = (encode(Codec::Dense)?, encode(Codec::Blocks(BlockCodec::Bc1))?);
+    let matrix = encode(Codec::Dense)?;
+    let bc1 = encode(Codec::Blocks(BlockCodec::Bc1))?;
     let dense = factors.factors.to_dense();
     let light = &subject.light;
     let ms = [product_ms(&dense, light)?, product_ms(&factors.factors, light)?];
@@ -356,9 +359,9 @@ pub(super) fn bounces(study: &Study) -> Result<Outcome, Error> {
     let nonzero = factors.factors.values.len();
     let table = Table {
         caption: format!(
-            "Processor milliseconds of the light between {n} patches over the number of bounces. A bounce multiplies {} numbers by \
-             dense and {nonzero} by sparse form factors, three channels each; the matrix of all bounces takes {} once. Bytes read: {} \
-             a bounce, {} and {} of the matrix and of its blocks.",
+            "Processor milliseconds of the light between {n} patches over the number of bounces. A bounce multiplies \
+             {} numbers by dense and {nonzero} by sparse form factors, three channels each; the matrix of all bounces \
+             takes {} once. Bytes read: {} a bounce, {} and {} of the matrix and of its blocks.",
             n * n,
             n * n * 3,
             output::bytes(4 * (n * n) as u64),
@@ -412,7 +415,8 @@ pub(super) fn bytes(study: &Study) -> Result<Outcome, Error> {
     let mut found: Vec<Size> = Vec::new();
     for &count in &study.counts {
         let subject = Subject::new(study, count)?;
-        let (n, factors) = (subject.len(), &subject.factors);
+        let n = subject.len();
+        let factors = &subject.factors;
         let one = 4 * (n * n) as u64;
         let size = |what, bytes: u64, seconds: Option<f64>| Size {
             patches: n,
@@ -454,8 +458,8 @@ pub(super) fn bytes(study: &Study) -> Result<Outcome, Error> {
         ]
     };
     let table = Table {
-        caption: "Bytes beside those of form factors of one channel, a number of single precision a pair of patches; processor time of \
-                  making the matrix and of compressing it, over that of patches and form factors."
+        caption: "Bytes beside those of form factors of one channel, a number of single precision a pair of patches; \
+                  processor time of making the matrix and of compressing it, over that of patches and form factors."
             .into(),
         head: heads(&["patches", "what", "bytes", "of the form factors", "more preprocessing"]),
         rows: found.iter().map(cells).collect(),

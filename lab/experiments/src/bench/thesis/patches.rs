@@ -65,16 +65,14 @@ fn measure(study: &Study, kind: PatchKind) -> Result<Outcome, Error> {
         [("ours, patches receive", ReceiverKind::Patches), ("ours, receivers on the mesh", ReceiverKind::Mesh)]
     {
         progress.note(what);
-        let settings = BakeSettings {
-            patches: kind,
-            patch_count: study.counts[0] as usize,
-            estimator: Estimator::Hemisphere { rays: args.rays },
-            bounces: Some(BOUNCES),
-            receivers,
-            receiver_rays: args.receiver_rays(),
-            seed: common.seed,
-            ..BakeSettings::default()
-        };
+        let settings = BakeSettings::default()
+            .with_patches(kind)
+            .with_patch_count(study.counts[0] as usize)
+            .with_estimator(Estimator::Hemisphere { rays: args.rays })
+            .with_bounces(Some(BOUNCES))
+            .with_receivers(receivers)
+            .with_receiver_rays(args.receiver_rays())
+            .with_seed(common.seed);
         let bake = Arc::new(interruptible(|| Bake::build(&loaded.scene, &settings, progress))?);
         let light = LightSettings::default();
         let shown = PictureSettings::default().with_size(truth.size()).with_sub_frames(args.sub_frames);
@@ -205,8 +203,8 @@ fn table(rows: &[Row], truth: &Truth) -> Table {
         ["form", "patches", "F", "sums of rows", "brightness", "error", "SSIM", "error, same mean", "SSIM, same mean"];
     Table {
         caption: format!(
-            "Indirect light of {BOUNCES} bounces beside {}. Pictures, from the left: as printed, ours (patches receive), reference, \
-             proxy; all with the mean of the reference.",
+            "Indirect light of {BOUNCES} bounces beside {}. Pictures, from the left: as printed, ours (patches \
+             receive), reference, proxy; all with the mean of the reference.",
             truth.source
         ),
         head: heads.map(str::to_owned).to_vec(),

@@ -39,17 +39,16 @@ struct Row {
 /// All solvers on the polygons of a scene, under its own light.
 pub(super) fn solvers(study: &Study) -> Result<Outcome, Error> {
     let Study { args, common, loaded, progress, .. } = *study;
-    let settings = BakeSettings {
-        patches: PatchKind::Polygon,
-        patch_count: study.counts[0] as usize,
-        estimator: Estimator::Hemisphere { rays: args.rays },
-        receivers: ReceiverKind::Pixels,
-        seed: common.seed,
-        ..BakeSettings::default()
-    };
+    let settings = BakeSettings::default()
+        .with_patches(PatchKind::Polygon)
+        .with_patch_count(study.counts[0] as usize)
+        .with_estimator(Estimator::Hemisphere { rays: args.rays })
+        .with_receivers(ReceiverKind::Pixels)
+        .with_seed(common.seed);
     let bake = Arc::new(Bake::build(&loaded.scene, &settings, progress)?);
     let source = own_light(&loaded.scene, &bake.mesh, settings.sample_rays, settings.seed);
-    let (patches, areas) = (bake.mesh.patches.len(), bake.mesh.areas());
+    let patches = bake.mesh.patches.len();
+    let areas = bake.mesh.areas();
     let exact = Solved::new(Solver::Lu, &bake)?.solution(&source)?.0.irradiance;
     let mut solvers = vec![
         ("elimination (2.4)".to_owned(), Solver::Lu),
@@ -104,8 +103,8 @@ fn table(rows: &[Row], patches: usize) -> Table {
     let heads = ["solver", "steps", "links of pairs", "form factors or links", "processor ms", "error"];
     Table {
         caption: format!(
-            "All bounces between {patches} polygons under the scene's own light. Error of the irradiance beside elimination; form \
-             factors of links are exact but for shadow rays, all others are by rays of hemispheres."
+            "All bounces between {patches} polygons under the scene's own light. Error of the irradiance beside \
+             elimination; form factors of links are exact but for shadow rays, all others are by rays of hemispheres."
         ),
         head: heads.map(str::to_owned).to_vec(),
         rows: rows.iter().map(cells).collect(),

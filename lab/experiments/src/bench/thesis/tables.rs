@@ -130,7 +130,8 @@ fn times(study: &Study, subject: &Subject) -> Result<Times, Error> {
 }
 
 fn dense(factors: &Csr) -> Dense {
-    let (rows, columns) = (factors.rows, factors.columns);
+    let rows = factors.rows;
+    let columns = factors.columns;
     let mut values = vec![0.0; rows * columns];
     for i in 0..rows {
         factors.row(i).for_each(|(j, f)| values[i * columns + j] = f);
@@ -182,8 +183,8 @@ fn table_of_times(rows: &[Times]) -> Table {
     ];
     Table {
         caption: format!(
-            "Table 1: a bounce between patches, processor time; {SAMPLES} samples a row. What is printed is time of a graphics \
-             processor: compare ratios."
+            "Table 1: a bounce between patches, processor time; {SAMPLES} samples a row. What is printed is time of a \
+             graphics processor: compare ratios."
         ),
         head: heads.map(str::to_owned).to_vec(),
         rows: rows.iter().map(cells).collect(),
@@ -240,8 +241,8 @@ fn table_of_errors(rows: &[Errors], source: &str) -> Table {
     let heads = ["patches", "method", "MSE", "PSNR dB", "SSIM", "indirect light alone: MSE", "PSNR dB", "SSIM"];
     Table {
         caption: format!(
-            "Table 2: pictures at rest against path tracing ({source}). Printed: MSE 0.06658 and 0.06651, PSNR 23.53 and 23.54 dB, \
-             SSIM 0.8354 and 0.8323 of products and of sampled light, in scenes of the thesis."
+            "Table 2: pictures at rest against path tracing ({source}). Printed: MSE 0.06658 and 0.06651, PSNR 23.53 \
+             and 23.54 dB, SSIM 0.8354 and 0.8323 of products and of sampled light, in scenes of the thesis."
         ),
         head: heads.map(str::to_owned).to_vec(),
         rows: rows.iter().map(cells).collect(),
