@@ -10,7 +10,6 @@ use patchlight::memory::resident_bytes;
 use patchlight::{Bake, Observer, Picture};
 use runtime::cpu::Cpu;
 use runtime::executor::{DeviceChoice, Executor, PassTime};
-use runtime::vulkan::Validation;
 use winit::application::ApplicationHandler;
 use winit::dpi::PhysicalSize;
 use winit::event::WindowEvent;

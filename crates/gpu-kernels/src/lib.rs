@@ -17,8 +17,8 @@
 //!   dispatch goes on in y: element = x + y · (64 · groups in x).
 //! - Dense products take four rows together, rows of whole vectors of four factors (zeros beyond the columns), and
 //!   `4 · vectors` finite entries of B. A matrix beyond `maxStorageBufferRange` is bound in blocks of rows:
-//! `GatherParams::first_row` says where the block's rows go. `formfactor_gather` and `_half` share the columns of four
-//! rows among a workgroup, with coalesced loads.
+//!   `GatherParams::first_row` says where the block's rows go. `formfactor_gather` and `_half` share the columns of four
+//!   rows among a workgroup, with coalesced loads.
 //! - Kernels that sample rows take a frame's number, so that each frame draws others; what they write they also read,
 //!   the irradiance of the frame before.
 //! - Lists of slots are made in three passes, `localmatrix_count`, `_start` and `_compact`, the last of which finds the

@@ -37,7 +37,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mut newest = None;
     let start = Instant::now();
     for frame in 0..FRAMES {
-        lighting.lights[0].position = lamp + Vec3::X * (0.3 * (frame as f32 * 0.1).sin());
+        lighting.lights[0].position = lamp + Vec3::X * (0.01 * (frame % 30) as f32);
         field.update(&lighting)?;
         let read = field.try_read(set)?.map(|light| light.update);
         arrived += u32::from(read != newest);

@@ -24,7 +24,8 @@ fn temporal() -> MethodSettings {
 }
 
 fn settings(seed: u32) -> FileSettings {
-    let bake = (<_>::default()).with_patch_count(150).with_receiver_density(0.1).with_receiver_rays(64).with_seed(seed);
+    let bake =
+        BakeSettings::default().with_patch_count(150).with_receiver_density(0.1).with_receiver_rays(64).with_seed(seed);
     let origin = Origin { scene: "cornell".to_owned(), scene_hash: [7; 32], application: b"{}".to_vec() };
     FileSettings { origin, bake, methods: vec![TILES, DENSE, temporal()], build: Build::default() }
 }

@@ -2,8 +2,8 @@
 //! Dynamic diffuse global illumination by probes (DDGI), an opponent: the bodies of its kernels.
 //!
 //! A probe holds irradiance H in 8 × 8 octahedral texels, as its fifth root, and the mean of distances and of their
-//! squares in 16 × 16, each with a border of one texel. In a frame each probe sends rays; what one meets sends ρ/π (H_d
-//! + H) back, W/m²/sr, with H from the probes as the frame before left them, so that bounces add up
+//! squares in 16 × 16, each with a border of one texel. In a frame each probe sends rays; what one meets sends
+//! `ρ/π (H_d + H)` back, W/m²/sr, with H from the probes as the frame before left them, so that bounces add up
 //! ([`kernel::trace`]). Texels blend the rays in with hysteresis ([`kernel::blend`]). A point takes H from the eight
 //! probes round it: trilinear, less from those behind the surface, less from those that by Chebyshev's inequality are
 //! not seen from it ([`kernel::lookup`]).

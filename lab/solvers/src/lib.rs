@@ -1,5 +1,5 @@
 //! Classic solvers of `B = E + ρ∘(F B)` as methods of frames, to compare the project's own with: [`Solved`] puts any
-//! [`Solver`] between the stages of a frame by [`patchlight::PictureRenderer::with_method`].
+//! [`Solver`] between the stages of a frame by [`patchlight::LightField::with_method`].
 //!
 //! Gauss-Seidel, LU and shooting are those of `formfactor`. Beside them stand Monte Carlo radiosity,
 //! [`stochastic_jacobi`] and [`random_walks`], and [`hierarchical`] radiosity, whose links go between parts of any

@@ -19,7 +19,7 @@ use crate::report::{Plot, Section, Series, Table, page};
 use crate::sequence::{distance, flicker, frame_time};
 use assets::import::{Animation, LoadedScene};
 use patchlight::light::with_lights;
-use patchlight::{Bake, BakeSettings, LightSettings, MethodSettings, PictureSettings};
+use patchlight::{Bake, LightSettings, MethodSettings, PictureSettings};
 use reference::stops_to_scale;
 
 /// Patches of a scene, unless it is said.

@@ -56,7 +56,7 @@ impl Numbers<'_, '_> {
 }
 
 /// Returns true if the last of the two factors before the watts is one: the ballast-lamp photometric factor of 1986 and
-/// 1991. Later editions keep it for other uses.
+/// 1991, which later editions keep for other uses.
 fn has_lamp_factor(first_line: &str) -> bool {
     let edition = first_line.trim().to_ascii_uppercase();
     !edition.starts_with("IES") || edition.starts_with("IESNA91")
