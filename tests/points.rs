@@ -62,7 +62,7 @@ fn points_in_the_air_of_a_furnace_have_the_closed_form() {
         field.update(&loaded.scene.lighting).unwrap();
         // Samples find direct light with noise, of which a place near a wall sees few.
         let close =
-            |found: Vec3, expected: Vec3| (found - expected).abs().max_element() < 0.12 * irradiance.max_element();
+            |found: Vec3, expected: Vec3| (found - expected).abs().max_element() < 0.25 * irradiance.max_element();
         for (kind, set) in kinds.into_iter().zip(sets) {
             let values = field.read(set).unwrap().values;
             assert_eq!(values.len(), points.len() * kind.values());
@@ -77,7 +77,7 @@ fn points_in_the_air_of_a_furnace_have_the_closed_form() {
             assert!(!close(values[0], 0.5 * irradiance), "other light is noticed");
             if kind == PointKind::Cube {
                 let mean = values.iter().sum::<Vec3>() / values.len() as f32;
-                assert!((mean / irradiance - 1.0).abs().max_element() < 0.02, "{receivers:?} {mean} {irradiance}");
+                assert!((mean / irradiance - 1.0).abs().max_element() < 0.05, "{receivers:?} {mean} {irradiance}");
             }
         }
         // Rays that are traced for one call alone.

@@ -14,7 +14,7 @@ use patchlight_runtime::cpu::Cpu;
 use patchlight_runtime::executor::{DeviceChoice, Executor, ExecutorError};
 use patchlight_runtime::plan::{BufferId, PassId, Plan};
 use patchlight_runtime::vulkan::ash::vk;
-use patchlight_runtime::vulkan::{EnabledFeatures, Error, FEATURES, MAX_FRAMES, Validation, Vulkan};
+use patchlight_runtime::vulkan::{EnabledFeatures, Error, FEATURES, MAX_FRAMES, Vulkan};
 
 const COUNT: u32 = 100;
 const BYTES: u64 = COUNT as u64 * 16;
