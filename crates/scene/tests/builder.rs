@@ -149,7 +149,7 @@ fn textures_are_linear_means_and_masks_are_holes() {
     let texel = |k: u32| {
         let x = k % size.0;
         let y = k / size.0;
-        let c = if (x + y) % 2 == 0 { 200 } else { 0 };
+        let c = if (x + y).is_multiple_of(2) { 200 } else { 0 };
         [c, c, c, if x < size.0 / 2 { 255 } else { 0 }]
     };
     let rgba: Vec<u8> = (0..size.0 * size.1).flat_map(texel).collect();
