@@ -161,7 +161,7 @@ pub struct Render {
     /// frames.csv and report.html then say what each frame measured.
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=100_000), help_heading = "Light")]
     pub frames: u32,
-    /// Motion of the lights.
+    /// Light motion.
     #[arg(long, value_enum, default_value_t = Animate::Path, help_heading = "Light")]
     pub animate: Animate,
     /// Also find the light of each frame by exact products, and write the error of each into frames.csv (not path).

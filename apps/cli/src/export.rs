@@ -69,7 +69,7 @@ pub struct Export {
     /// Frames; with more than one the scene's lights move.
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=100_000))]
     pub frames: u32,
-    /// Motion of the lights from frame to frame [default: path].
+    /// Light motion from frame to frame [default: path].
     #[arg(long, value_enum, requires = "frames")]
     pub animate: Option<Animate>,
 }

@@ -46,7 +46,7 @@ impl Common {
     }
 }
 
-/// Motion of the lights.
+/// Light motion.
 #[derive(ValueEnum, Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Animate {
     /// Along the scene's own path, or a made-up one; the camera too.
