@@ -228,6 +228,32 @@ fn pictures_of_another_size_leave_the_light_as_it_is() {
     }
 }
 
+/// Under light at rest, which no update finds again, a picture of another size has all of it.
+#[test]
+fn pictures_of_another_size_under_light_at_rest_are_those_of_new_renderers() {
+    let (bake, lighting) = cornell();
+    let loaded = procedural::build("cornell").unwrap();
+    let light = LightSettings::default();
+    for receivers in [ReceiverUpdate::All, ReceiverUpdate::InView] {
+        let open = |size: (u32, u32)| {
+            let pictures = PictureSettings::default().with_size(size).with_sub_frames(1).with_receivers(receivers);
+            PictureRenderer::of_bake(Arc::clone(&bake), Box::new(Cpu::new()), &light, &pictures, &Silent).unwrap()
+        };
+        let picture = |renderer: &mut PictureRenderer, (width, height): (u32, u32)| {
+            renderer.picture(&lighting, &loaded.view.camera(width, height), 0).unwrap().pictures.full
+        };
+        let mut renderer = open((16, 12));
+        let small = picture(&mut renderer, (16, 12));
+        renderer.resize((32, 24), 1).unwrap();
+        assert_eq!(picture(&mut renderer, (32, 24)), picture(&mut open((32, 24)), (32, 24)), "{receivers:?}");
+        let points = sensors(&bake.scene);
+        let set = renderer.light_mut().add_points(&points, PointKind::Irradiance, &Silent).unwrap();
+        renderer.resize((16, 12), 1).unwrap();
+        assert_eq!(picture(&mut renderer, (16, 12)), small, "{receivers:?}: points come before the pictures");
+        assert!(renderer.light_mut().read(set).unwrap().values[0].min_element() > 0.0);
+    }
+}
+
 fn buffers_alone(bake: &Arc<Bake>, light: &LightSettings) -> u64 {
     field(bake, light, Box::new(Cpu::new())).device_bytes()
 }

@@ -121,7 +121,8 @@ pub fn add(
         received,
         camera: None,
         view: 0,
-        light: 0,
+        // Rows are marked with 0 as long as they are computed for no light.
+        light: 1,
     };
     shade.add_after_primary(&view.passes());
     Ok(Some(view))
@@ -184,7 +185,7 @@ impl View {
         if is_other && needed(self.view) > u32::MAX - 4 || self.light == u32::MAX {
             // The numbers are used up.
             self.clear(executor)?;
-            (self.view, self.light) = (0, 0);
+            (self.view, self.light) = (0, 1);
         }
         self.view += u32::from(is_other);
         self.light += u32::from(is_lit_anew);
