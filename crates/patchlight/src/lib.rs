@@ -18,7 +18,7 @@
 //! light at samples → first exitance → the method → elements, receivers and interpolation points → pixels
 //! ([`low_level::stage`]).
 //!
-//! This crate is the only one that an application needs: [`scene`], [`runtime`], [`transport`] and [`glam`] are
+//! This crate is the only one that an application needs: `scene`, `runtime`, `transport` and `glam` are
 //! re-exported, what is needed of them most often by its own name.
 //!
 //! Units: metres; exitance and irradiance W/m², radiance W/m²/sr, linear Rec.709 RGB.
