@@ -4,7 +4,7 @@
 check:
     cargo fmt --all --check
     cargo clippy --workspace --all-targets -- -D warnings
-    cargo check -p patchlight-scene -p patchlight-transport -p patchlight-formfactor -p patchlight-patches -p patchlight-multibounce -p patchlight-localmatrix -p patchlight-temporal -p patchlight-firstshot --no-default-features
+    cargo check $(.ci/method-crates) --no-default-features
     cargo check -p one-core --target x86_64-unknown-none
     RUSTDOCFLAGS="-D warnings" cargo doc --workspace --no-deps
 

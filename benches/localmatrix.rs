@@ -17,7 +17,7 @@ use scene::sampling::{hash3, unit};
 const OUT_OF_CACHE: usize = 1100 << 20;
 const SLOTS: [usize; 2] = [512, 2048];
 /// Patches that enter together.
-const TOGETHER: [usize; 3] = [1, 4, 16];
+const BATCH: [usize; 3] = [1, 4, 16];
 /// Shares of the slots that are lit, and that are visible.
 const SHARES: [f64; 4] = [1.0, 0.5, 0.25, 0.1];
 
@@ -109,7 +109,7 @@ fn main() -> Result<(), Error> {
         let (matrix, rows) = filled(slots, 16)?;
         let state = 12 * (slots * slots) as u64;
         let mut group = criterion.benchmark_group(format!("localmatrix/{slots}"));
-        for count in TOGETHER {
+        for count in BATCH {
             let first = (slots - 16) as u32;
             let some: Vec<Entering> = (first..first + count as u32).map(|patch| entering(patch, &rows)).collect();
             group.throughput(Throughput::Bytes(3 * state));

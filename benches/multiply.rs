@@ -33,7 +33,7 @@ fn load(executor: &mut dyn Executor, n: usize) -> Result<(), ExecutorError> {
     let tiles = row_tiles * (vectors / TILE_VECTORS);
     let push = MultiplyParams { tiles, row_tiles, vectors, inner: vectors, first_inner: 0 };
     let ranges = [factors, albedo, operator, next].map(Range::from);
-    plan.pass("product", &MULTIBOUNCE_MULTIPLY, &ranges, &push, tiles)?;
+    plan.pass("product", &MULTIBOUNCE_MULTIPLY, &ranges, &push)?;
     executor.load(plan)?;
     let matrix: Vec<f32> = (0..n * n).map(|k| entry(k / n, k % n, n)).collect();
     executor.upload(factors, &matrix)?;

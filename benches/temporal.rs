@@ -74,12 +74,11 @@ fn loaded(
     kernel: &'static gpu_kernels::table::Kernel,
     buffers: &[(&str, &[u8])],
     push: &[u8],
-    elements: u32,
 ) -> Result<Vec<BufferId>, ExecutorError> {
     let mut plan = Plan::new();
     let ids: Vec<BufferId> = buffers.iter().map(|(name, bytes)| plan.storage(*name, bytes.len() as u64)).collect();
     let ranges: Vec<Range> = ids.iter().map(|&id| Range::from(id)).collect();
-    plan.pass_with_bytes(kernel.name, kernel, &ranges, push, elements)?;
+    plan.pass_with_bytes(kernel.name, kernel, &ranges, push)?;
     executor.load(plan)?;
     for (id, (_, bytes)) in ids.iter().zip(buffers) {
         if !bytes.is_empty() {
@@ -119,7 +118,7 @@ fn measure_device(
             ("change", cast_slice(&light)),
             ("irradiance", cast_slice(&out)),
         ];
-        loaded(executor, &TEMPORAL_SAMPLE_LISTS, &of_lists, bytes_of(&p), n as u32)?;
+        loaded(executor, &TEMPORAL_SAMPLE_LISTS, &of_lists, bytes_of(&p))?;
         let by_lists = device_ms(executor)?;
         let of_tables: [(&str, &[u8]); 8] = [
             of_lists[0],
@@ -133,7 +132,7 @@ fn measure_device(
         ];
         let of_tables =
             [("row_start", cast_slice(tables.row_start()))].into_iter().chain(of_tables.into_iter().skip(1));
-        loaded(executor, &TEMPORAL_SAMPLE_TABLES, &of_tables.collect::<Vec<_>>(), bytes_of(&p), n as u32)?;
+        loaded(executor, &TEMPORAL_SAMPLE_TABLES, &of_tables.collect::<Vec<_>>(), bytes_of(&p))?;
         println!("{device}, N {n}, Q {samples}: lists {by_lists:.3} ms, tables {:.3} ms", device_ms(executor)?);
     }
     let params: SumParams = Settings::default().rows_to_sum(n as u32, lists.options(), 0);
@@ -144,7 +143,7 @@ fn measure_device(
         ("exitance", cast_slice(&light)),
         ("irradiance", cast_slice(&out)),
     ];
-    loaded(executor, &TEMPORAL_SUM_LISTS, &sum, bytes_of(&params), params.count)?;
+    loaded(executor, &TEMPORAL_SUM_LISTS, &sum, bytes_of(&params))?;
     println!("{device}, N {n}: exact sums of {} rows {:.3} ms", params.count, device_ms(executor)?);
     Ok(())
 }

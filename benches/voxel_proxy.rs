@@ -65,7 +65,7 @@ fn measure_own(name: &str, loaded: &LoadedScene, reference: &ReferenceData, coun
     let ours = renderer.light_mut().irradiance_at(&reference.surface_points(loaded.metres_per_unit))?;
     let errors = compare_points(&ours, &reference.point_indirect())?;
     let geometry = format!("{} triangles", loaded.scene.geometry.triangles.len());
-    print_row(name, "clusters", &geometry, bake.mesh.patches.len(), &errors);
+    print_row(name, "clusters", &geometry, bake.mesh().patches.len(), &errors);
     Ok(())
 }
 

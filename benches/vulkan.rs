@@ -10,7 +10,7 @@ use criterion::{BenchmarkId, Criterion, Throughput};
 use formfactor::GatherParams;
 use glam::Vec4;
 use gpu_kernels::params::CountParams;
-use gpu_kernels::table::{FORMFACTOR_BOUNCE, FORMFACTOR_GATHER, FORMFACTOR_GATHER_HALF, Kernel};
+use gpu_kernels::table::{Kernel, TRANSPORT_BOUNCE, TRANSPORT_GATHER, TRANSPORT_GATHER_HALF};
 use runtime::executor::{DeviceChoice, Executor, ExecutorError, open};
 use runtime::plan::{BufferId, Plan, Range};
 
@@ -22,8 +22,8 @@ struct Form {
 }
 
 const FORMS: [Form; 2] = [
-    Form { name: "f32", kernel: &FORMFACTOR_GATHER, factor_bytes: 4 },
-    Form { name: "half", kernel: &FORMFACTOR_GATHER_HALF, factor_bytes: 2 },
+    Form { name: "f32", kernel: &TRANSPORT_GATHER, factor_bytes: 4 },
+    Form { name: "half", kernel: &TRANSPORT_GATHER_HALF, factor_bytes: 2 },
 ];
 
 /// Milliseconds of one run of the loaded plan.
@@ -47,7 +47,7 @@ fn load(executor: &mut dyn Executor, form: &Form, n: usize) -> Result<usize, Exe
         let rows = block.min(n - first);
         let part = matrix.range((first * row_bytes) as u64, (rows * row_bytes) as u64);
         let push = GatherParams { rows: rows as u32, vectors: vectors as u32, first_row: first as u32, reserved: 0 };
-        plan.pass("product", form.kernel, &[part, light.into(), irradiance.into()], &push, rows as u32)?;
+        plan.pass("product", form.kernel, &[part, light.into(), irradiance.into()], &push)?;
     }
     executor.load(plan)?;
     let dense = factors(n, 4 * vectors, n);
@@ -71,7 +71,7 @@ fn device_stream_gb_s(executor: &mut dyn Executor) -> Result<f64, ExecutorError>
     let count = (executor.device().max_storage_buffer_range / 16).min(1 << 24) as u32;
     let mut plan = Plan::new();
     let buffers = ["source", "albedo", "irradiance", "exitance"].map(|name| plan.storage(name, u64::from(count) * 16));
-    plan.pass("stream", &FORMFACTOR_BOUNCE, &buffers.map(Range::from), &CountParams { count }, count)?;
+    plan.pass("stream", &TRANSPORT_BOUNCE, &buffers.map(Range::from), &CountParams { count })?;
     executor.load(plan)?;
     for buffer in &buffers[..3] {
         // Buffers start as zeros; this only says that they may be read.

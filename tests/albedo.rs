@@ -90,10 +90,10 @@ fn triangle_of(scene: &Scene, point: Vec3) -> usize {
 
 /// The edited scene with the form factors of the bake.
 fn edited(bake: &Bake, changed: &[Option<Vec3>], bounces: u32) -> Arc<Bake> {
-    let mut scene = bake.scene.clone();
+    let mut scene = bake.scene().clone();
     let own = Arc::make_mut(&mut scene.materials).iter_mut().zip(changed);
     own.for_each(|(material, changed)| material.albedo = changed.unwrap_or(material.albedo));
-    let mut mesh = (*bake.mesh).clone();
+    let mut mesh = patches::PatchMesh::clone(bake.mesh());
     for (albedo, point) in mesh.point_albedo.iter_mut().zip(&mesh.points) {
         let triangle = triangle_of(&scene, point.position);
         let material = scene.geometry.triangles[triangle].material;
@@ -104,7 +104,7 @@ fn edited(bake: &Bake, changed: &[Option<Vec3>], bounces: u32) -> Arc<Bake> {
         *element = own.map(|k| mesh.point_albedo[k] * mesh.points[k].weight).sum::<Vec4>();
     }
     mesh.albedo = mesh.patch_means(&mesh.element_albedo);
-    Arc::new(Bake { scene, mesh: Arc::new(mesh), bounces, ..bake.clone() })
+    Arc::new(bake.clone().with_scene(scene).with_mesh(Arc::new(mesh)).with_bounces(bounces))
 }
 
 #[test]
@@ -120,7 +120,7 @@ fn another_albedo_gives_the_picture_of_the_edited_scene() {
         renderer.light_mut().set_albedo(&changed).unwrap();
         let after = settled(&mut renderer, &loaded);
         // More bounces than either has.
-        let other = edited(&bake, &changed, 2 * bake.bounces + 16);
+        let other = edited(&bake, &changed, 2 * bake.bounces() + 16);
         let expected = settled(&mut setup.load(&loaded, &other, cpu()).unwrap(), &loaded);
         let wrong = difference(&after, &expected);
         assert!(wrong < TOLERANCE, "{kind:?} {method:?}: {wrong}");
@@ -224,9 +224,9 @@ fn a_dark_scene_becomes_bright() {
         assert!(wrong < TOLERANCE, "{method:?}: {wrong}");
     }
     // With the bounces of the bake it is not.
-    let few = edited(&bake, &changed, bake.bounces);
+    let few = edited(&bake, &changed, bake.bounces());
     let few = settled(&mut setup.load(&loaded, &few, cpu()).unwrap(), &loaded);
-    assert!(difference(&few, &expected) > 0.1, "{} bounces suffice", bake.bounces);
+    assert!(difference(&few, &expected) > 0.1, "{} bounces suffice", bake.bounces());
 }
 
 #[test]
@@ -240,8 +240,10 @@ fn a_texture_gives_way_to_another_albedo() {
     let changed = vec![Some(Vec3::splat(0.5)); loaded.scene.materials.len()];
     renderer.light_mut().set_albedo(&changed).unwrap();
     // With one albedo everywhere that of the elements needs no ray.
-    let mut other = (*edited(&bake, &changed, bake.bounces)).clone();
-    Arc::make_mut(&mut other.scene.materials).iter_mut().for_each(|material| material.albedo_texture = NONE);
+    let other = Bake::clone(&edited(&bake, &changed, bake.bounces()));
+    let mut scene = other.scene().clone();
+    Arc::make_mut(&mut scene.materials).iter_mut().for_each(|material| material.albedo_texture = NONE);
+    let other = other.with_scene(scene);
     let expected = picture(&mut setup.load(&loaded, &Arc::new(other), cpu()).unwrap(), &loaded, &loaded.scene.lighting);
     let found = picture(&mut renderer, &loaded, &loaded.scene.lighting);
     let wrong = difference(&found, &expected);
@@ -256,7 +258,7 @@ fn methods_that_hold_the_albedo_refuse_another_one_by_name() {
     let local = MethodSettings::Local(LocalSettings { slots: 64, ..LocalSettings::default() });
     let sampled = TemporalSettings { rows: RowKind::AllBounces, ..TemporalSettings::default() };
     let cases = [
-        (tiles, "tiles"),
+        (tiles, "low_rank"),
         (MethodSettings::Multibounce(Codec::Dense), "multibounce"),
         (local, "local"),
         (MethodSettings::Temporal(sampled), "temporal with the rows of all bounces"),

@@ -5,11 +5,11 @@ use std::sync::{Arc, Mutex};
 use assets::import::load_or_build;
 use glam::{Vec3, Vec4};
 use gpu_kernels::params::CountParams;
-use gpu_kernels::table::{FORMFACTOR_BOUNCE, FORMFACTOR_GATHER, ImageFormat, Kernel};
+use gpu_kernels::table::{ImageFormat, Kernel, TRANSPORT_BOUNCE, TRANSPORT_GATHER};
 use integration_tests::vulkan;
 use multibounce::{LowRank, TileSide, TileSource, halving_order};
 use patches::PatchKind;
-use patchlight::{Bake, BakeSettings, Estimator, ReceiverKind};
+use patchlight::{Bake, BakeSettings, Estimator, FormFactors, ReceiverKind};
 use runtime::cpu::Cpu;
 use runtime::executor::{DeviceChoice, DeviceKind, Executor, ExecutorError, devices, open};
 use runtime::plan::{BufferId, PassId, Plan};
@@ -20,7 +20,7 @@ use runtime::vulkan::ash::vk;
 use runtime::vulkan::{Error, Validation, Vulkan};
 use scene::kernel::walk;
 use scene::sampling::{hash3, unit};
-use scene::{SurfacePoint, part_taken};
+use scene::{SurfacePoint, reachability};
 use transport::{LinearOperator, Observer, Phase, Proceed, Silent};
 
 #[test]
@@ -33,14 +33,15 @@ fn a_bake_on_a_device_is_that_of_the_host() {
         .with_estimator(Estimator::Hemisphere { rays: 256 })
         .with_receiver_rays(64);
     let rows = |bake: Bake| {
-        let elements = bake.form_factors.element_rows.unwrap();
-        assert!(elements.rows() > bake.mesh.patches.len(), "elements are finer than patches");
-        let receivers = bake.receivers;
+        let elements = bake.form_factors().element_rows.clone().unwrap();
+        assert!(elements.rows() > bake.mesh().patches.len(), "elements are finer than patches");
+        let receivers = bake.receivers();
         let mesh = &receivers.interpolation;
-        let between = (mesh.points.clone(), mesh.vertices.clone(), receivers.weights);
+        let between = (mesh.points.clone(), mesh.vertices.clone(), receivers.weights.clone());
         let points = receivers.points.len();
-        let sky = receivers.sky_rows;
-        (points, elements, bake.form_factors.sky_factor, bake.form_factors.factors, receivers.rows, sky, between)
+        let sky = receivers.sky_rows.clone();
+        let FormFactors { sky_factor, factors, .. } = bake.form_factors().clone();
+        (points, elements, sky_factor, factors, receivers.rows.clone(), sky, between)
     };
     let own = rows(Bake::build(&loaded.scene, &settings, &Silent).unwrap());
     let notes = Notes::default();
@@ -77,9 +78,9 @@ fn voxels_on_a_device_have_the_samples_of_the_host() {
     let notes = Notes::default();
     let mut build = |seed: u32| Bake::build_on(&mut vulkan, &scene, &settings.with_seed(seed), &notes).unwrap();
     let theirs = build(0);
-    assert!(theirs.mesh.points == own.mesh.points && theirs.mesh.patches == own.mesh.patches);
-    assert!(theirs.form_factors.factors == own.form_factors.factors);
-    assert!(build(1).mesh.points != own.mesh.points, "another seed is another bake");
+    assert!(theirs.mesh().points == own.mesh().points && theirs.mesh().patches == own.mesh().patches);
+    assert!(theirs.form_factors().factors == own.form_factors().factors);
+    assert!(build(1).mesh().points != own.mesh().points, "another seed is another bake");
     let told = notes.0.lock().unwrap().clone();
     let places = told.iter().filter(|note| note.starts_with("sample: random walks from")).count();
     assert_eq!(places, 2, "{told:?}");
@@ -112,7 +113,7 @@ fn walks_on_a_device_come_to_the_same_light() {
         SurfacePoint { position: scene.tables().position(triangle, u, v), patch: k, normal, weight: 0.0 }
     };
     let mut places: Vec<SurfacePoint> = (0..3000).map(place).collect();
-    let own: Vec<u32> = places.iter().map(|place| part_taken(&scene, place, 8, 7)).collect();
+    let own: Vec<u32> = places.iter().map(|place| reachability(&scene, place, 8, 7)).collect();
     for part in [walk::APART, walk::DARK, walk::LIT] {
         let count = own.iter().filter(|p| **p == part).count();
         assert!(count > 20, "{count} of {part}");
@@ -134,7 +135,7 @@ fn small_plan(count: u32) -> (Plan, [BufferId; 4], PassId) {
     let mut plan = Plan::new();
     let ids = ["source", "albedo", "irradiance", "exitance"].map(|name| plan.storage(name, u64::from(count) * 16));
     let ranges = ids.map(Into::into);
-    let pass = plan.pass("bounce", &FORMFACTOR_BOUNCE, &ranges, &CountParams { count }, count).expect("a valid pass");
+    let pass = plan.pass("bounce", &TRANSPORT_BOUNCE, &ranges, &CountParams { count }).expect("a valid pass");
     (plan, ids, pass)
 }
 
@@ -230,12 +231,12 @@ fn what_the_validation_layer_says_is_an_error() {
         return;
     }
     // A table row that forgets the last binding of its module.
-    let mut kernel: Kernel = FORMFACTOR_BOUNCE;
-    kernel.bindings = &FORMFACTOR_BOUNCE.bindings[..3];
+    let mut kernel: Kernel = TRANSPORT_BOUNCE;
+    kernel.bindings = &TRANSPORT_BOUNCE.bindings[..3];
     let kernel: &'static Kernel = Box::leak(Box::new(kernel));
     let mut plan = Plan::new();
     let ranges = ["a", "b", "c"].map(|name| plan.storage(name, 16).into());
-    plan.pass("bounce", kernel, &ranges, &CountParams { count: 1 }, 1).expect("valid as far as a plan can see");
+    plan.pass("bounce", kernel, &ranges, &CountParams { count: 1 }).expect("valid as far as a plan can see");
     let error = vulkan.load(plan).expect_err("the layer sees it");
     assert!(matches!(error, ExecutorError::Vulkan(Error::Validation { .. })), "{error}");
 }
@@ -266,7 +267,7 @@ fn a_range_beyond_the_limit_is_refused_with_pass_and_buffer() {
     let factors = plan.storage("factors", (limit + 256).next_multiple_of(256));
     let ranges = [factors.into(), plan.storage("exitance", 16).into(), plan.storage("irradiance", 16).into()];
     let push = formfactor::GatherParams::default();
-    plan.pass("product", &FORMFACTOR_GATHER, &ranges, &push, 1).expect("valid on a larger device");
+    plan.pass("product", &TRANSPORT_GATHER, &ranges, &push).expect("valid on a larger device");
     let text = vulkan.load(plan).expect_err("beyond maxStorageBufferRange").to_string();
     for word in ["product", "factors", "maxStorageBufferRange", "blocks"] {
         assert!(text.contains(word), "{text}");
@@ -340,12 +341,10 @@ fn buffers_stay_from_run_to_run_and_push_constants_change() {
         executor.run().expect("the plan runs");
         executor.upload(source, &[3.0f32; 400]).expect("the upload fits");
         executor.push(pass, &CountParams { count: 10 }).expect("the length is right");
-        executor.set_elements(pass, 10).expect("the pass is known");
         executor.run().expect("the plan runs");
         let found: Vec<f32> = executor.download_table(exitance).expect("the download works");
         assert!(found[..40].iter().all(|&v| v == 4.0) && found[40..].iter().all(|&v| v == 2.0), "{found:?}");
         executor.push(pass, &CountParams { count: 0 }).expect("the length is right");
-        executor.set_elements(pass, 0).expect("the pass is known");
         assert_eq!(executor.run_passes(&[pass, pass]).expect("nothing to do is no error").len(), 2);
     }
 }
@@ -367,7 +366,7 @@ fn frames_in_flight(executor: &mut dyn Executor, counts: [u32; 5]) -> Vec<Vec<f3
     for &output in &outputs {
         let ranges = [inputs[0], inputs[1], inputs[2], output].map(Into::into);
         let push = CountParams { count };
-        passes.push(plan.pass("bounce", &FORMFACTOR_BOUNCE, &ranges, &push, count).expect("a valid pass"));
+        passes.push(plan.pass("bounce", &TRANSPORT_BOUNCE, &ranges, &push).expect("a valid pass"));
     }
     executor.load(plan).expect("the plan loads");
     executor.upload(inputs[1], &[0.5f32; 400]).expect("the upload fits");
@@ -375,15 +374,14 @@ fn frames_in_flight(executor: &mut dyn Executor, counts: [u32; 5]) -> Vec<Vec<f3
     for frame in 0..5 {
         executor.upload(inputs[0], &[FRAME_SOURCES[frame]; 400]).expect("the upload fits");
         executor.push(passes[5], &CountParams { count: counts[frame] }).expect("the length is right");
-        executor.set_elements(passes[5], counts[frame]).expect("the pass is known");
         executor.submit_passes(&[passes[frame], passes[5]]).expect("the passes are submitted");
     }
     // Nothing of this reaches the frames above.
     executor.upload(inputs[0], &[9.0f32; 400]).expect("the upload fits");
     executor.push(passes[5], &CountParams { count }).expect("the length is right");
-    executor.set_elements(passes[5], count).expect("the pass is known");
     let times = executor.wait().expect("the device is well");
     assert!(times.len() == 10 && times.iter().all(|time| time.name == "bounce"), "{times:?}");
+    assert!(times.iter().all(|time| time.kernel == "transport_bounce"), "{times:?}");
     assert!(executor.wait().expect("the device is well").is_empty(), "times are given once");
     let read = |&output: &BufferId| executor.download_table(output).expect("readable");
     outputs.iter().map(read).collect()

@@ -7,8 +7,9 @@ use integration_tests::setup::Setup;
 use integration_tests::vulkan;
 use patchlight::{PictureRenderer, PixelLight, ReceiverUpdate};
 use runtime::executor::{DeviceChoice, Executor, open};
+use scene::gpu::{LIGHT_RECT, Triangle, TriangleUv};
 use scene::math::{atan2, luminance};
-use scene::{Camera, LIGHT_RECT, Light, Material, Picture, Scene, SceneParts, Sky, Triangle, TriangleUv};
+use scene::{Camera, Light, Material, Picture, Scene, SceneParts, Sky};
 
 /// Reflectance of everything.
 const ALBEDO: f32 = 0.5;

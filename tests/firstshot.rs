@@ -18,26 +18,28 @@ use integration_tests::vulkan;
 use multibounce::{Factors, all_bounces};
 use patches::{PatchSize, SubdivideSettings, Subdivision, subdivide};
 use patchlight::method::FirstShotSettings;
+use patchlight::method::firstshot::FirstShotMethod;
 use patchlight::{Bake, MethodSettings, Picture};
 use reference::Accumulation;
 use reference::path::{PathSettings, PathTracer};
 use runtime::cpu::Cpu;
 use runtime::executor::{DeviceKind, Executor};
 use runtime::plan::Plan;
-use runtime::recipe::firstshot::{PhotonPasses, PhotonTargets};
+use runtime::recipe::Tables;
+use runtime::recipe::firstshot::{MapSlices, PhotonPasses, PhotonTargets};
 use runtime::recipe::rays::RayStops;
 use runtime::recipe::scene::SceneTables;
-use runtime::recipe::{Tables, rgb_bytes};
+use scene::gpu::{DirectParams, LIGHT_POINT, LIGHT_SPOT};
 use scene::math::luminance;
 use scene::sampling::{hammersley, hash3, uniform_triangle};
-use scene::{DirectParams, Hit, LIGHT_POINT, LIGHT_SPOT, Light, NONE, Ray, Scene, SurfacePoint};
+use scene::{Hit, Light, NONE, Ray, Scene, SurfacePoint};
 
-fn go_on(_: usize, _: usize) -> ControlFlow<()> {
+fn ignore_progress(_: usize, _: usize) -> ControlFlow<()> {
     ControlFlow::Continue(())
 }
 
 fn first_shot(scene: &Scene) -> Emission {
-    Emission::first_shot(scene, &LightElementSettings::default(), Texels::Mean, true, &go_on).unwrap()
+    Emission::first_shot(scene, &LightElementSettings::default(), Texels::Mean, true, &ignore_progress).unwrap()
 }
 
 /// Photons on the patches of a subdivision.
@@ -66,7 +68,7 @@ fn by_operator(scene: &Scene, patches: u32) -> (Subdivision, Vec<Vec3>) {
     let areas = subdivision.areas();
     let mut rows = {
         let surfaces = subdivision.surfaces(scene, &[]);
-        form_factors(&Hemisphere { rays: 4096 }, &surfaces, &go_on).unwrap()
+        form_factors(&Hemisphere { rays: 4096 }, &surfaces, &ignore_progress).unwrap()
     };
     balance(&mut rows.factors, &mut rows.sky_factor, &areas, None).unwrap();
     let csr = rows.factors.to_csr(0.0).unwrap();
@@ -260,20 +262,20 @@ fn by_kernels(
     let areas = maps.areas().to_vec();
     let cells = areas.len() as u32;
     let elements = cells / 2;
-    let irradiance = plan.storage("irradiance", rgb_bytes(elements as usize));
+    let irradiance = plan.array("irradiance", elements as usize);
     let element_areas = areas.chunks(2).map(|pair| pair[0] + pair[1]).collect::<Vec<f32>>();
-    let bindings = [
-        tables.named(&mut plan, "grids", maps.grids.clone()),
-        tables.named(&mut plan, "groups", (0..cells).collect::<Vec<u32>>()),
-        tables.named(&mut plan, "group_areas", areas.clone()),
-        tables.named(&mut plan, "cell_start", (0..=elements).map(|k| 2 * k).collect::<Vec<u32>>()),
-        tables.named(&mut plan, "cells", (0..cells).collect::<Vec<u32>>()),
-        tables.named(&mut plan, "element_areas", element_areas),
-        ("irradiance", irradiance.into()),
-    ];
+    let slices = MapSlices {
+        grids: tables.owned(&mut plan, "grids", maps.grids.clone()),
+        groups: tables.owned(&mut plan, "groups", (0..cells).collect()),
+        group_areas: tables.owned(&mut plan, "group_areas", areas.clone()),
+        cell_start: tables.owned(&mut plan, "cell_start", (0..=elements).map(|k| 2 * k).collect()),
+        cells: tables.owned(&mut plan, "cells", (0..cells).collect()),
+        element_areas: tables.owned(&mut plan, "element_areas", element_areas),
+        irradiance,
+    };
     let targets = PhotonTargets { cells, groups: cells, elements, batches: settings.batches };
     let capacity = emission.elements.len();
-    let passes = PhotonPasses::add(&mut plan, &scene_tables, &bindings, targets, capacity).unwrap();
+    let passes = PhotonPasses::add(&mut plan, &scene_tables, &slices, targets, capacity).unwrap();
     let executor = executor.as_mut();
     executor.load(plan).unwrap();
     tables.upload(executor).unwrap();
@@ -353,7 +355,7 @@ fn light_elements_by_rays_of_a_device_are_those_of_the_host() {
     let mut executors: Vec<Box<dyn Executor>> = vec![Box::new(Cpu::new())];
     executors.extend(vulkan().map(|vulkan| Box::new(vulkan) as Box<dyn Executor>));
     for settings in [ours, ours.as_printed()] {
-        let own = light_elements(scene, &settings, &go_on).unwrap();
+        let own = light_elements(scene, &settings, &ignore_progress).unwrap();
         let is_shared = |element: &LightElement| element.seen < 1.0;
         let split = own.elements.iter().filter(|element| element.corners[1] != Vec2::X).count();
         assert!(split > 500 && own.elements.iter().any(is_shared) && own.shadow_rays > 10_000);
@@ -370,7 +372,7 @@ fn light_elements_by_rays_of_a_device_are_those_of_the_host() {
                     stopped[rays.len() / 3] ^= u32::from(is_wrong && asked.len() == 1);
                     Ok(stopped)
                 };
-                let found = light_elements_by(trace, scene, &settings, &go_on).unwrap();
+                let found = light_elements_by(trace, scene, &settings, &ignore_progress).unwrap();
                 assert_eq!(asked.iter().sum::<u64>(), found.shadow_rays);
                 found
             };
@@ -403,7 +405,7 @@ fn frame(bake: &Arc<Bake>, inner: Box<dyn Executor>, error: f64, lamp: Option<Li
     let bytes = downloaded.load(Ordering::Relaxed) - before;
     let elements = renderer.light().buffers().elements;
     let light = renderer.light_mut().download(elements).unwrap();
-    let round = renderer.light_mut().counted_report().unwrap().photons.unwrap();
+    let round = renderer.light_mut().counted_method::<FirstShotMethod>().unwrap().unwrap().shot().round();
     // Without any light there are no photons.
     lighting.emission.fill(Vec3::ZERO);
     lighting.lights.clear();
@@ -440,8 +442,8 @@ fn pictures_by_photons_have_what_mirrors_and_glass_show_and_send() {
         MethodSettings::FirstShot(FirstShotSettings { error: 0.02, most_photons: 1 << 21, ..Default::default() });
     let found = picture_of_mirrors(&bake, photons, Box::new(Cpu::new()));
     let mut accumulation = Accumulation::new(&camera, PathSettings::default());
-    let go_on = |_, _| ControlFlow::Continue(());
-    assert!(PathTracer::new(&loaded.scene).accumulate(&camera, &mut accumulation, 512, go_on).unwrap());
+    let ignore_progress = |_, _| ControlFlow::Continue(());
+    assert!(PathTracer::new(&loaded.scene).accumulate(&camera, &mut accumulation, 512, ignore_progress).unwrap());
     let expected = accumulation.full();
     // Means of squares of pixels: edges of triangles and caustics are finer than receivers.
     let blocks = |picture: &Picture| -> Vec<f32> {
@@ -476,7 +478,7 @@ fn small() -> Setup {
 #[test]
 fn a_frame_reads_back_no_photons_and_is_the_same_on_every_executor() {
     let bake = small().bake(&procedural::build("cornell").unwrap()).unwrap();
-    let blocks = bake.mesh.patches.len().div_ceil(64);
+    let blocks = bake.mesh().patches.len().div_ceil(64);
     let (light, bytes, round) = frame(&bake, Box::new(Cpu::new()), 0.0, None);
     assert_eq!((bytes, round.photons), (0, 1 << 19));
     let sum: Vec4 = light.iter().sum();

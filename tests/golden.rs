@@ -18,7 +18,7 @@ const LAVAPIPE: &str = "lavapipe";
 /// their surroundings, and round otherwise with one thread than with more: their pictures are equal
 /// for any number but one. That is a fault of the tiles; until it is mended one thread cannot be
 /// compared.
-const MORE_THREADS: [&str; 2] = ["tiles", "feedback"];
+const MORE_THREADS: [&str; 2] = ["low_rank", "feedback"];
 /// Flights through the streaming world, of which the most frequent pictures count: patches enter its
 /// matrix as their rows come from the disk, and about one flight of forty rounds otherwise than the
 /// others because they came in another order. That is a fault of the matrix; once it is mended one
@@ -161,7 +161,7 @@ fn a_wrong_entry_is_named_with_its_first_frame() {
     let mut frames = small_frames();
     let expected = vec![
         Entry::of_frames("hall", "classic", CPU, &frames),
-        Entry::of_frames("hall", "tiles", CPU, &frames),
+        Entry::of_frames("hall", "low_rank", CPU, &frames),
         Entry::of_file("hall", "bake", CPU, b"rows"),
     ];
     assert_eq!(differences(&expected, &expected, &[CPU]), Vec::<String>::new());

@@ -10,11 +10,12 @@ use assets::procedural;
 use glam::{Vec2, Vec3, Vec4};
 use image::{DynamicImage, ImageFormat};
 use integration_tests::glb::glb;
+use scene::gpu::{LIGHT_DIRECTIONAL, LIGHT_POINT, LIGHT_RECT, LIGHT_SPOT};
 use scene::kernel::light::sky_radiance;
 use scene::kernel::shade::decode_srgb;
 use scene::kernel::texture::{sample, texel};
 use scene::sampling::{hash3, unit};
-use scene::{LIGHT_DIRECTIONAL, LIGHT_POINT, LIGHT_RECT, LIGHT_SPOT, NONE, Visibility};
+use scene::{NONE, Visibility};
 use tempfile::TempDir;
 
 const QUAD: &str = "mtllib a.mtl\nv -1 -1 0\nv 1 -1 0\nv 1 1 0\nv -1 1 0\nvt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\nusemtl m\n\

@@ -9,6 +9,7 @@ use integration_tests::setup::{Setup, furnace_error};
 use integration_tests::vulkan;
 use patches::PatchKind;
 use patchlight::method::LocalSettings;
+use patchlight::method::local::Local;
 use patchlight::{Bake, Estimator, MethodSettings, Pictures, ReceiverKind};
 use runtime::executor::{DeviceChoice, DeviceKind, Executor, open};
 use scene::math::luminance;
@@ -67,7 +68,8 @@ fn flight(
         let view = path.at(frame as f32 / frames as f32).1;
         light.advance(lighting, &view.camera(SIZE.0, SIZE.1)).unwrap();
         shown.push(light.light_mut().surface_irradiance().unwrap());
-        entered += light.light().report().local.map_or(0, |frame| frame.step.entered);
+        entered +=
+            light.light().method().as_any().downcast_ref::<Local>().map_or(0, |local| local.last_frame().step.entered);
     }
     let pictures = light.picture(lighting, &loaded.view.camera(SIZE.0, SIZE.1), 0).unwrap().pictures;
     (shown, pictures, entered)

@@ -13,8 +13,9 @@ use firstshot::{Emission, IlluminationMaps, LightElementSettings, PhotonAccumula
 use glam::{DVec3, Vec3};
 use patchlight::{Bake, BakeSettings, LightSettings, PictureRenderer, PictureSettings, Silent};
 use reference::{PathSettings, PathTracer};
+use scene::gpu::{DirectParams, LIGHT_LUMINAIRE};
 use scene::math::luminance;
-use scene::{DirectParams, Distribution, LIGHT_LUMINAIRE, LUMENS_PER_WATT, Light, Lighting, Scene, SurfacePoint};
+use scene::{Distribution, LUMENS_PER_WATT, Light, Lighting, Scene, SurfacePoint};
 use tempfile::TempDir;
 
 /// A luminaire of the examples or the tests.
@@ -434,14 +435,15 @@ fn paths_and_photons_know_luminaires() {
     let classical = landed(&Emission::classical(scene).unwrap());
     assert!((classical / expected - 1.0).abs() < 0.01, "{classical} for {expected}");
     // Photons from where it falls first have the share of that which the floor reflects.
-    let go_on = |_: usize, _: usize| ControlFlow::Continue(());
-    let shot = Emission::first_shot(scene, &LightElementSettings::default(), Texels::Mean, true, &go_on).unwrap();
+    let ignore_progress = |_: usize, _: usize| ControlFlow::Continue(());
+    let shot =
+        Emission::first_shot(scene, &LightElementSettings::default(), Texels::Mean, true, &ignore_progress).unwrap();
     let reflected = traced(&shot).emitted.dot(DVec3::new(0.2126, 0.7152, 0.0722));
     let albedo = f64::from(luminance(scene.materials[0].albedo));
     assert!((reflected / (albedo * expected) - 1.0).abs() < 0.01, "{reflected} for {albedo} of {expected}");
     // Were it a bulb of that power, a third of that would come down.
     let mut bulb = scene.clone();
-    bulb.lighting.lights[0].kind = scene::LIGHT_POINT;
+    bulb.lighting.lights[0].kind = scene::gpu::LIGHT_POINT;
     let wrong = direct(&bulb, &places).iter().map(|e| f64::from(luminance(*e))).sum::<f64>() * f64::from(step * step);
     assert!((wrong / expected - 1.0).abs() > 0.1, "{wrong} for {expected}");
 }

@@ -152,8 +152,8 @@ fn errors(found: &Picture, expected: &Picture) -> (f32, f32) {
 
 fn traced(scene: &Scene, camera: &Camera, samples: u32) -> Picture {
     let mut accumulation = Accumulation::new(camera, PathSettings::default());
-    let go_on = |_, _| ControlFlow::Continue(());
-    assert!(PathTracer::new(scene).accumulate(camera, &mut accumulation, samples, go_on).unwrap());
+    let ignore_progress = |_, _| ControlFlow::Continue(());
+    assert!(PathTracer::new(scene).accumulate(camera, &mut accumulation, samples, ignore_progress).unwrap());
     accumulation.full()
 }
 
@@ -199,8 +199,8 @@ fn a_medium_that_absorbs_next_to_nothing_leaves_direct_light_as_in_air_in_every_
         let bake = setup.bake(&air).unwrap();
         let of = |absorption: Vec3| {
             // Patches and receivers are the same, whatever is between them.
-            let scene = filled(&bake.scene, absorption);
-            let bake = Arc::new(Bake { scene, ..Bake::clone(&bake) });
+            let scene = filled(bake.scene(), absorption);
+            let bake = Arc::new(Bake::clone(&bake).with_scene(scene));
             pictures(&setup, &air, &bake, Box::new(Cpu::new())).direct
         };
         let expected = of(Vec3::ZERO);
@@ -214,10 +214,10 @@ fn a_medium_that_absorbs_next_to_nothing_leaves_direct_light_as_in_air_in_every_
 fn what_goes_by_form_factors_refuses_a_medium() {
     let loaded = filled_cornell(Vec3::splat(0.1));
     let bake = Setup::coarse().bake(&loaded).unwrap();
-    assert_eq!((bake.energy, bake.scene.geometry.absorption), (None, Vec3::splat(0.1)));
+    assert_eq!((bake.energy(), bake.scene().geometry.absorption), (None, Vec3::splat(0.1)));
     let methods = [
         (MethodSettings::Classic, "classic"),
-        (MethodSettings::Multibounce(Codec::LowRank { epsilon: 0.1 }), "tiles"),
+        (MethodSettings::Multibounce(Codec::LowRank { epsilon: 0.1 }), "low_rank"),
         (MethodSettings::Multibounce(Codec::Dense), "multibounce"),
         (MethodSettings::Feedback(FeedbackSettings::default()), "feedback"),
         (MethodSettings::Temporal(TemporalSettings::default()), "temporal"),
@@ -249,7 +249,7 @@ fn a_bake_in_a_file_keeps_its_medium() {
     assert!(matches!(refused, Error::Medium { .. }), "{refused}");
     let built = Arc::new(into(Vec::new()).unwrap());
     let opened = Arc::new(Bake::open(&path).unwrap().bake);
-    assert_eq!(opened.scene.geometry.absorption, Vec3::new(0.1, 0.2, 0.3));
+    assert_eq!(opened.scene().geometry.absorption, Vec3::new(0.1, 0.2, 0.3));
     let setup = Setup { method: photons(0.1, 1 << 14), ..Setup::coarse() };
     let camera = loaded.view.camera(setup.size.0, setup.size.1);
     let of = |bake: &Arc<Bake>| {

@@ -27,7 +27,7 @@ fn orders(invocations: u32) -> [(&'static str, Vec<u32>); 3] {
 fn run_entry(input: &Input, order: &[u32], width: u32) -> Option<BTreeMap<usize, Bytes>> {
     let kernel = input.kernel;
     let invocation = kernel.invocation?;
-    let [x, y, _] = kernel.groups(input.elements);
+    let [x, y, _] = kernel.groups(input.invocations);
     let groups = UVec3::new(width, (x * y).div_ceil(width), 1);
     let row = width * kernel.workgroup;
     let found = input.on_host(|call| {
@@ -51,7 +51,7 @@ fn entry_points_give_the_same_in_any_order_and_for_any_shape_of_the_dispatch() {
     let mut called = 0;
     for input in inputs() {
         let expected = input.run_on_host().unwrap();
-        let [x, y, _] = input.kernel.groups(input.elements);
+        let [x, y, _] = input.kernel.groups(input.invocations);
         for width in [x * y, 1, 3] {
             // As many invocations as the workgroups have, some of them beyond the elements.
             let invocations = (x * y).div_ceil(width) * width * input.kernel.workgroup;
@@ -72,7 +72,7 @@ fn an_invocation_that_is_left_out_is_noticed() {
         if input.kernel.invocation.is_none() {
             continue;
         }
-        let [x, y, _] = input.kernel.groups(input.elements);
+        let [x, y, _] = input.kernel.groups(input.invocations);
         let expected = input.run_on_host().unwrap();
         let is_noticed = |left_out: u32| {
             let order: Vec<u32> = (0..x * y * input.kernel.workgroup).filter(|k| *k != left_out).collect();
@@ -81,11 +81,11 @@ fn an_invocation_that_is_left_out_is_noticed() {
         // A row may be out of view, a pixel may see nothing, or what others see, and a photon may not start.
         let name = input.kernel.name;
         let is_seen =
-            name.starts_with("formfactor_mark") || name.ends_with("_view") || name.starts_with("scene_seen_light");
+            name.starts_with("transport_mark") || name.ends_with("_view") || name.starts_with("scene_seen_light");
         // Nor may a row be bound, or an entry lie in the upper half.
         let is_of_half = matches!(name, "multibounce_pivot_rows" | "multibounce_eliminate");
         let others = match is_seen || name == "firstshot_trace" {
-            true => 5..input.elements,
+            true => 5..input.invocations,
             false if is_of_half => 5..x * y * input.kernel.workgroup,
             false => 0..0,
         };
@@ -95,7 +95,7 @@ fn an_invocation_that_is_left_out_is_noticed() {
 
 /// Returns true if a kernel is a dense product.
 fn is_dense(input: &Input) -> bool {
-    matches!(input.kernel.name, "formfactor_gather" | "formfactor_gather_half")
+    matches!(input.kernel.name, "transport_gather" | "transport_gather_half")
 }
 
 /// The rows of a dense product that start at `first`, as a block of their own.
@@ -109,7 +109,7 @@ fn row_block(input: &Input, first: u32, rows: u32) -> Input {
     };
     let Data::Buffer(bytes) = &input.bindings[0] else { panic!("the factors are a buffer") };
     block.bindings[0] = Data::Buffer(cut(bytes));
-    block.elements = rows;
+    block.invocations = rows;
     block.push = bytemuck::bytes_of(&GatherParams { rows, first_row: p.first_row + first, ..p }).to_vec();
     block
 }
@@ -190,7 +190,7 @@ fn wide_dispatches_go_on_in_further_rows_of_workgroups() {
     assert_eq!(kernel.groups(64 * MAX_GROUPS_X), [MAX_GROUPS_X, 1, 1]);
     let [x, y, z] = kernel.groups(64 * MAX_GROUPS_X + 1);
     assert!(x <= MAX_GROUPS_X && x * y > MAX_GROUPS_X && z == 1);
-    assert_eq!(gpu_kernels::table::FORMFACTOR_GATHER.groups(9), [3, 1, 1]);
+    assert_eq!(gpu_kernels::table::TRANSPORT_GATHER.groups(9), [3, 1, 1]);
 }
 
 #[test]
@@ -217,8 +217,8 @@ fn calls_that_do_not_suit_the_table_are_refused() {
     probes.bindings[0] = Data::Buffer(Bytes::of(&[0u32; 7]));
     assert!(matches!(probes.run_on_host(), Err(HostError::TooShort { binding: "probes", needed: 60, found: 7 })));
     let mut count = input.clone();
-    count.elements += 1;
-    assert!(matches!(count.run_on_host(), Err(HostError::Elements { .. })));
+    count.invocations += 1;
+    assert!(matches!(count.run_on_host(), Err(HostError::Invocations { .. })));
     let mut missing = input.clone();
     missing.bindings.pop();
     assert!(matches!(missing.run_on_host(), Err(HostError::BindingCount { expected: 8, found: 7, .. })));

@@ -65,7 +65,7 @@ fn run(executor: &mut dyn Executor, kernel: &'static Kernel, input: &Input) -> V
         });
     }
     let ranges: Vec<Range> = ids.iter().map(|&id| Range::from(id)).collect();
-    let pass = plan.pass_with_bytes(kernel.name, kernel, &ranges, &input.push, input.elements).expect("a valid pass");
+    let pass = plan.pass_with_bytes(kernel.name, kernel, &ranges, &input.push).expect("a valid pass");
     executor.load(plan).expect("the plan loads");
     for (id, data) in ids.iter().zip(&input.bindings) {
         let (Data::Buffer(bytes) | Data::Image { texels: bytes, .. }) = data;
@@ -125,7 +125,7 @@ fn every_kernel_gives_the_same_on_both_executors() {
         if let Some(difference) = difference(&ours, &run(&mut vulkan, kernel, &input), tolerance) {
             failures.push(format!("{}: {difference}", kernel.name));
         }
-        // Half the elements: a result that the comparison must refuse.
+        // Half the invocations: a result that the comparison must refuse.
         let at = kernel.counts[0];
         let count = u32::from_le_bytes([input.push[at], input.push[at + 1], input.push[at + 2], input.push[at + 3]]);
         input.push[at..at + 4].copy_from_slice(&(count / 2).to_le_bytes());
@@ -198,7 +198,7 @@ fn a_hundred_thousand_rays_hit_the_same_in_every_bit() {
     let buffer = |bytes| Data::Buffer(bytes);
     let input = Input {
         kernel,
-        elements: count,
+        invocations: count,
         push: bytemuck::bytes_of(&CountParams { count }).to_vec(),
         bindings: vec![
             buffer(Bytes::of(&rays(&scene, count))),

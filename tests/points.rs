@@ -94,7 +94,7 @@ fn points_in_the_air_of_a_furnace_have_the_closed_form() {
 #[test]
 fn points_follow_the_light_on_every_executor() {
     let (bake, mut lighting) = cornell();
-    let points = sensors(&bake.scene);
+    let points = sensors(bake.scene());
     let at = |point: &Point| SurfacePoint { position: point.position, patch: NONE, normal: point.normal, weight: 1.0 };
     let places: Vec<SurfacePoint> = points.iter().map(at).collect();
     let settings = LightSettings::default().with_point_rays(4096);
@@ -107,7 +107,7 @@ fn points_follow_the_light_on_every_executor() {
         let cubes = field.add_points(&points, PointKind::Cube, &Silent).unwrap();
         let mut found = Vec::new();
         for scale in [1.0, 3.0] {
-            lighting.lights[0].color = bake.scene.lighting.lights[0].color * scale;
+            lighting.lights[0].color = bake.scene().lighting.lights[0].color * scale;
             field.update(&lighting).unwrap();
             let light = field.read(set).unwrap();
             let exact = field.irradiance_at(&places).unwrap();
@@ -128,7 +128,7 @@ fn points_follow_the_light_on_every_executor() {
 #[test]
 fn the_newest_light_is_read_without_waiting() {
     let (bake, mut lighting) = cornell();
-    let points = sensors(&bake.scene);
+    let points = sensors(bake.scene());
     let executors = std::iter::once(Box::new(Cpu::new()) as Box<dyn Executor>)
         .chain(vulkan().map(|vulkan| Box::new(vulkan) as Box<dyn Executor>));
     for executor in executors {
@@ -138,7 +138,7 @@ fn the_newest_light_is_read_without_waiting() {
         assert!(field.read(set).is_err());
         let mut newest = None;
         for frame in 1..12 {
-            lighting.lights[0].color = bake.scene.lighting.lights[0].color * frame as f32;
+            lighting.lights[0].color = bake.scene().lighting.lights[0].color * frame as f32;
             field.update(&lighting).unwrap();
             let Some(light) = field.try_read(set).unwrap() else { continue };
             assert!(newest <= Some(light.update) && light.update < frame);
@@ -162,7 +162,7 @@ fn the_newest_light_is_read_without_waiting() {
 #[test]
 fn points_of_one_set_stay_when_others_come_and_go() {
     let (bake, lighting) = cornell();
-    let points = sensors(&bake.scene);
+    let points = sensors(bake.scene());
     let mut field = field(&bake, &LightSettings::default(), Box::new(Cpu::new()));
     let first = field.add_points(&points[..2], PointKind::Cube, &Silent).unwrap();
     let second = field.add_points(&points, PointKind::Irradiance, &Silent).unwrap();
@@ -246,7 +246,7 @@ fn pictures_of_another_size_under_light_at_rest_are_those_of_new_renderers() {
         let small = picture(&mut renderer, (16, 12));
         renderer.resize((32, 24), 1).unwrap();
         assert_eq!(picture(&mut renderer, (32, 24)), picture(&mut open((32, 24)), (32, 24)), "{receivers:?}");
-        let points = sensors(&bake.scene);
+        let points = sensors(bake.scene());
         let set = renderer.light_mut().add_points(&points, PointKind::Irradiance, &Silent).unwrap();
         renderer.resize((16, 12), 1).unwrap();
         assert_eq!(picture(&mut renderer, (16, 12)), small, "{receivers:?}: points come before the pictures");

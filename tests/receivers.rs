@@ -5,8 +5,9 @@ use formfactor::{form_factors, normalise_rows};
 use glam::{Vec3, Vec4};
 use patches::{Density, InterpolationMesh, PatchSize, SubdivideSettings, Subdivision, subdivide};
 use patches::{LightmapTexels, VolumeSettings, VolumeSize, VoxelVolume};
+use scene::gpu::{Triangle, TriangleUv};
 use scene::sampling::{hash3, uniform_triangle, unit};
-use scene::{Material, ReceiverSet, Scene, SceneParts, SidePolicy, Sides, SurfacePoint, Triangle, TriangleUv};
+use scene::{Material, ReceiverSet, Scene, SceneParts, SidePolicy, Sides, SurfacePoint};
 
 /// A closed room of 3 × 2 × 2 m, fronts inwards.
 fn room() -> Scene {

@@ -57,7 +57,7 @@ fn modules_are_what_the_sources_gave() {
     }
     // The body, the entry point and the settings of a kernel are all among the sources.
     let manifest = manifest(FOLDERS[0]);
-    for file in ["crates/scene/src/kernel/bvh.rs", "crates/gpu-kernels/src/scene.rs", "crates/scene/src/types.rs"] {
+    for file in ["crates/scene/src/kernel/bvh.rs", "crates/gpu-kernels/src/scene.rs", "crates/scene/src/gpu.rs"] {
         assert!(manifest["sources"].as_table().unwrap().contains_key(file), "{file}");
     }
 }
@@ -76,8 +76,8 @@ fn a_changed_source_is_noticed() {
     fs::write(copy.path().join(edited), text.replacen("0.25", "0.26", 1)).unwrap();
     let after = stale(&manifest["sources"], copy.path());
     assert!(!before.contains(&edited.to_owned()) && after.contains(&edited.to_owned()), "{before:?} {after:?}");
-    fs::remove_file(copy.path().join("crates/scene/src/types.rs")).unwrap();
-    assert!(stale(&manifest["sources"], copy.path()).contains(&"crates/scene/src/types.rs".to_owned()));
+    fs::remove_file(copy.path().join("crates/scene/src/gpu.rs")).unwrap();
+    assert!(stale(&manifest["sources"], copy.path()).contains(&"crates/scene/src/gpu.rs".to_owned()));
 }
 
 #[test]

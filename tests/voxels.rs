@@ -47,7 +47,7 @@ fn render(
     points: &[SurfacePoint],
 ) -> (Pictures, Vec<Vec3>) {
     let mut classic = settings.renderer(loaded, executor).unwrap();
-    assert_eq!(classic.light().bake().receivers.points.len(), 0);
+    assert_eq!(classic.light().bake().receivers().points.len(), 0);
     let camera = loaded.view.camera(SIZE.0, SIZE.1);
     let pictures = classic.picture(&loaded.scene.lighting, &camera, 0).unwrap().pictures;
     (pictures, classic.light_mut().irradiance_at(points).unwrap())

@@ -14,11 +14,9 @@ use patchlight::{Estimator, PictureRenderer};
 use reference::metrics::quantile;
 use reference::{PathSettings, PathTracer};
 use runtime::executor::{DeviceChoice, open};
+use scene::gpu::{LIGHT_DIRECTIONAL, LIGHT_POINT, Triangle, TriangleUv};
 use scene::math::luminance;
-use scene::{
-    Camera, LIGHT_DIRECTIONAL, LIGHT_POINT, Light, Material, NONE, Scene, SceneParts, Sky, SurfacePoint, Triangle,
-    TriangleUv,
-};
+use scene::{Camera, Light, Material, NONE, Scene, SceneParts, Sky, SurfacePoint};
 use std::f32::consts::PI;
 
 /// Patches of every scene.
@@ -163,7 +161,7 @@ impl Baked {
     fn seen(&mut self, eye: Vec3, target: Vec3) -> Vec<f32> {
         let up = if (target - eye).normalize().y.abs() > 0.9 { Vec3::Z } else { Vec3::Y };
         let camera = Camera::look_at(eye, target, up, 90.0, self.size, self.size);
-        let lighting = with_lights(&self.classic.light().bake().scene, &self.lights);
+        let lighting = with_lights(self.classic.light().bake().scene(), &self.lights);
         let picture = self.classic.picture(&lighting, &camera, 0).unwrap().pictures.indirect;
         picture.pixels.iter().map(|p| luminance(*p) * PI / ALBEDO).collect()
     }

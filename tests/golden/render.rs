@@ -70,7 +70,7 @@ pub enum Method {
     Classic,
     MultibounceDense,
     MultibounceBc7,
-    Tiles,
+    LowRank,
     Feedback,
     Temporal,
     Local,
@@ -128,7 +128,7 @@ impl Method {
         Self::Classic,
         Self::MultibounceDense,
         Self::MultibounceBc7,
-        Self::Tiles,
+        Self::LowRank,
         Self::Feedback,
         Self::Temporal,
         Self::Local,
@@ -142,7 +142,7 @@ impl Method {
             Self::Classic => "classic",
             Self::MultibounceDense => "multibounce dense",
             Self::MultibounceBc7 => "multibounce bc7",
-            Self::Tiles => "tiles",
+            Self::LowRank => "low_rank",
             Self::Feedback => "feedback",
             Self::Temporal => "temporal",
             Self::Local => "local",
@@ -164,7 +164,7 @@ impl Method {
             Self::Classic => MethodSettings::Classic,
             Self::MultibounceDense => MethodSettings::Multibounce(Codec::Dense),
             Self::MultibounceBc7 => MethodSettings::Multibounce(Codec::Blocks(BlockCodec::Bc7)),
-            Self::Tiles => MethodSettings::Multibounce(Codec::LowRank { epsilon: 0.01 }),
+            Self::LowRank => MethodSettings::Multibounce(Codec::LowRank { epsilon: 0.01 }),
             Self::Feedback => MethodSettings::Feedback(FeedbackSettings::default()),
             Self::Temporal => MethodSettings::Temporal(TemporalSettings::default()),
             Self::Local => MethodSettings::Local(local),
@@ -224,8 +224,8 @@ fn trace(loaded: &LoadedScene) -> FramePixels {
     let camera = loaded.view.camera(SIZE.0, SIZE.1);
     let settings = PathSettings { seed: SEED, ..PathSettings::default() };
     let mut sums = Accumulation::new(&camera, settings);
-    let go_on = |_: u32, _: u32| ControlFlow::Continue(());
-    PathTracer::new(&loaded.scene).accumulate(&camera, &mut sums, PATHS, go_on).unwrap();
+    let ignore_progress = |_: u32, _: u32| ControlFlow::Continue(());
+    PathTracer::new(&loaded.scene).accumulate(&camera, &mut sums, PATHS, ignore_progress).unwrap();
     FramePixels { full: pixels(&sums.full()), indirect: Some(pixels(&sums.indirect())) }
 }
 

@@ -9,8 +9,9 @@ use patchlight::memory::resident_bytes;
 use patchlight::method::{FeedbackSettings, FirstShotSettings, LocalSettings, TemporalSettings};
 use patchlight::{Bake, Error, Estimator, MethodSettings, PictureRenderer, Pictures, ReceiverUpdate, Silent};
 use runtime::executor::Executor;
+use scene::gpu::{LIGHT_DIRECTIONAL, LIGHT_POINT, LIGHT_SPOT};
 use scene::sampling::{hash3, unit};
-use scene::{Camera, LIGHT_DIRECTIONAL, LIGHT_POINT, LIGHT_SPOT, Light, Lighting};
+use scene::{Camera, Light, Lighting};
 
 use crate::setup::Setup;
 
@@ -131,7 +132,7 @@ impl<'a> Frames<'a> {
 
     /// A place in the scene's box, m.
     fn place(&self, dimension: u32) -> Vec3 {
-        let (low, high) = self.bake.scene.geometry.bounds;
+        let (low, high) = self.bake.scene().geometry.bounds;
         low + (high - low) * self.color(dimension)
     }
 

@@ -11,9 +11,6 @@ use std::collections::BTreeMap;
 
 use ::multibounce::BlockCodec;
 use bytemuck::{Pod, Zeroable};
-use formfactor::kernel::grid::{cell_count, vertex_count};
-use formfactor::kernel::hits::WORD_COUNTS;
-use formfactor::kernel::view::needed;
 use formfactor::{GatherParams, HemisphereParams, HitsParams, ReceiverCell, TriangleGrid, ViewParams};
 use glam::{Vec2, Vec3, Vec4};
 use gpu_kernels::host::{HostBinding, HostCall, HostError};
@@ -29,15 +26,18 @@ use patches::kernel::volume::{CUBE_SIDES, PLANE_WORDS, SH_COEFFICIENTS};
 use patches::{
     EMPTY_CELL, GridShape, LookupParams, LookupPatch, PackedWeights, RULE_WALLS, VolumeParams, Weight, WeightParams,
 };
+use scene::gpu::{
+    DirectParams, EmitterGroup, LIGHT_DIRECTIONAL, LIGHT_LUMINAIRE, LIGHT_POINT, LIGHT_RECT, LIGHT_SPOT, LargeParams,
+    ShareParams, SpecularChain, Texture, Triangle, TriangleUv, WalkParams,
+};
 use scene::kernel::specular::follow_primary;
 use scene::kernel::{bvh, camera};
 use scene::sampling::{cosine_hemisphere, hash3, unit};
-use scene::{
-    Camera, DirectParams, Distribution, EmitterGroup, Hit, LIGHT_DIRECTIONAL, LIGHT_LUMINAIRE, LIGHT_POINT, LIGHT_RECT,
-    LIGHT_SPOT, LargeParams, Light, Material, NONE, Ray, Scene, SceneParts, ShareParams, Sky, SpecularChain,
-    SurfacePoint, Texture, Triangle, TriangleUv, WalkParams,
-};
+use scene::{Camera, Distribution, Hit, Light, Material, NONE, Ray, Scene, SceneParts, Sky, SurfacePoint};
 use transport::HitCounts;
+use transport::kernel::grid::{cell_count, vertex_count};
+use transport::kernel::hits::WORD_COUNTS;
+use transport::kernel::view::needed;
 
 /// Bytes on a 16-byte boundary.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -95,7 +95,7 @@ pub struct Input {
     /// The kernel.
     pub kernel: &'static Kernel,
     /// Elements of the dispatch.
-    pub elements: u32,
+    pub invocations: u32,
     /// Push constants.
     pub push: Vec<u8>,
     /// Bindings; what is written holds values that no kernel gives.
@@ -145,7 +145,7 @@ impl Input {
                 }
             })
             .collect();
-        let mut call = HostCall { elements: self.elements, push: &self.push, bindings: &mut bindings };
+        let mut call = HostCall { invocations: self.invocations, push: &self.push, bindings: &mut bindings };
         run(&mut call)?;
         drop(bindings);
         Ok(written(self.kernel, data))
@@ -413,13 +413,13 @@ pub fn inputs() -> Vec<Input> {
         .map(|kernel| {
             // Numbers of its own, so that another kernel more changes no input.
             let mut r = Random(kernel.name.bytes().fold(0, |seed, byte| hash3(seed, u32::from(byte), 2)));
-            let (elements, push, mut own) = own_tables(&mut r, kernel.name, &scene);
+            let (invocations, push, mut own) = own_tables(&mut r, kernel.name, &scene);
             own.extend(scene_tables(&scene));
             let find = |name: &str| {
                 let found = own.iter().find(|(n, _)| *n == name);
                 found.unwrap_or_else(|| panic!("{}: no input for {name}", kernel.name)).1.clone()
             };
-            Input { kernel, elements, push, bindings: kernel.bindings.iter().map(|b| find(b.name)).collect() }
+            Input { kernel, invocations, push, bindings: kernel.bindings.iter().map(|b| find(b.name)).collect() }
         })
         .collect()
 }
@@ -451,13 +451,13 @@ pub fn block_input(codec: BlockCodec, image: Option<ImageFormat>) -> Input {
         (BlockCodec::Bc6h, _) => &MULTIBOUNCE_BLOCKS_GATHER_BC6H,
         (BlockCodec::Bc7, _) => &MULTIBOUNCE_BLOCKS_GATHER_BC7,
     };
-    let (elements, push, tables) = multibounce::blocks(&mut r, codec, image);
-    Input { kernel, elements, push, bindings: tables.into_iter().map(|(_, data)| data).collect() }
+    let (invocations, push, tables) = multibounce::blocks(&mut r, codec, image);
+    Input { kernel, invocations, push, bindings: tables.into_iter().map(|(_, data)| data).collect() }
 }
 
-/// One dispatch: elements, push constants, tables.
-fn call<P: Pod>(elements: u32, push: P, tables: Tables) -> (u32, Vec<u8>, Tables) {
-    (elements, bytemuck::bytes_of(&push).to_vec(), tables)
+/// One dispatch: invocations, push constants, tables.
+fn call<P: Pod>(invocations: u32, push: P, tables: Tables) -> (u32, Vec<u8>, Tables) {
+    (invocations, bytemuck::bytes_of(&push).to_vec(), tables)
 }
 
 /// Light of rectangles and emitters at a band of pixels, in the third of four fixed sub-frames. Emitters count by
@@ -585,7 +585,7 @@ fn own_tables(r: &mut Random, name: &str, scene: &Scene) -> (u32, Vec<u8>, Table
             let tables = vec![buffer("rays", &rays), room::<Hit>("hits", n), room::<u32>("stopped", n)];
             call(n as u32, CountParams { count: n as u32 }, tables)
         }
-        "scene_parts_taken" => {
+        "scene_reachability" => {
             // Places on surfaces, on either side, and some in the air; of some it is known that they see geometry.
             let mut points = surface_points(r, scene, 150);
             for (k, point) in (0u32..).zip(&mut points) {
@@ -595,7 +595,7 @@ fn own_tables(r: &mut Random, name: &str, scene: &Scene) -> (u32, Vec<u8>, Table
                 point.position.y += if k % 7 == 0 { 0.3 } else { 0.0 };
             }
             let p = WalkParams { count: 150, first_walk: 1, ..scene.walk_params(3, 5) };
-            call(150, p, vec![buffer("points", &points), room::<u32>("parts", 150)])
+            call(150, p, vec![buffer("points", &points), room::<u32>("reached", 150)])
         }
         "scene_direct_light" | "scene_direct_light_medium" | "scene_direct_shares" | "scene_add_lights" => {
             let points = surface_points(r, scene, 150);
@@ -646,7 +646,7 @@ fn own_tables(r: &mut Random, name: &str, scene: &Scene) -> (u32, Vec<u8>, Table
             large_light(r, name, scene)
         }
         "scene_follow" | "scene_chain_surface" | "scene_chain_shade" => chains(r, name, scene),
-        "scene_primary" | "scene_albedo" | "scene_shade" | "formfactor_interpolate" | "formfactor_mark_pixels" => {
+        "scene_primary" | "scene_albedo" | "scene_shade" | "transport_interpolate" | "transport_mark_pixels" => {
             let eye = Vec3::new(1.7, 1.2, 1.9);
             let camera = Camera::look_at(eye, Vec3::splat(0.4), Vec3::Y, 55.0, 33, 31);
             let n = 33 * 21;
@@ -693,7 +693,7 @@ fn own_tables(r: &mut Random, name: &str, scene: &Scene) -> (u32, Vec<u8>, Table
             ];
             match name {
                 "scene_shade" => call(p.count, p, tables),
-                "formfactor_mark_pixels" => call(p.count, view(p.count, 0), tables),
+                "transport_mark_pixels" => call(p.count, view(p.count, 0), tables),
                 _ => call(p.count, CountParams { count: p.count }, tables),
             }
         }
@@ -747,12 +747,12 @@ fn own_tables(r: &mut Random, name: &str, scene: &Scene) -> (u32, Vec<u8>, Table
             ];
             call(200, CountParams { count: 200 }, tables)
         }
-        "formfactor_bounce" => {
+        "transport_bounce" => {
             let mut tables: Tables = ["source", "albedo", "irradiance"].map(|n| buffer(n, &r.colors(200))).into();
             tables.push(room::<Vec4>("exitance", 200));
             call(200, CountParams { count: 200 }, tables)
         }
-        "formfactor_gather_csr" => {
+        "transport_gather_csr" => {
             let mut row_start = vec![0u32];
             for k in 0..150 {
                 row_start.push(row_start[k] + r.below(12));
@@ -769,7 +769,7 @@ fn own_tables(r: &mut Random, name: &str, scene: &Scene) -> (u32, Vec<u8>, Table
             ];
             call(150, CountParams { count: 150 }, tables)
         }
-        "formfactor_gather_hits" | "formfactor_gather_hits_view" => {
+        "transport_gather_hits" | "transport_gather_hits_view" => {
             // Half of the hits lie in a few columns: counts from one to more than four different columns can have.
             let rows = 150;
             let rays = 300;
@@ -791,14 +791,14 @@ fn own_tables(r: &mut Random, name: &str, scene: &Scene) -> (u32, Vec<u8>, Table
                 buffer("scales", &rows_of_hits.scales()[skipped..]),
                 buffer("exitance", &r.colors(columns as usize)),
             ];
-            if name == "formfactor_gather_hits_view" {
+            if name == "transport_gather_hits_view" {
                 tables.extend(r.view_rows(rows as usize));
                 return call(rows, view(rows, first_quad), tables);
             }
             tables.push(room::<Vec4>("irradiance", rows as usize));
             call(rows, HitsParams { rows, first_quad }, tables)
         }
-        "formfactor_gather" | "formfactor_gather_half" => {
+        "transport_gather" | "transport_gather_half" => {
             let rows = 71u32;
             let columns = 1031usize;
             let vectors = columns.div_ceil(4) as u32;

@@ -60,10 +60,6 @@ impl Executor for Limited {
         self.inner.set_push(pass, push)
     }
 
-    fn set_elements(&mut self, pass: PassId, elements: u32) -> Result<(), ExecutorError> {
-        self.inner.set_elements(pass, elements)
-    }
-
     fn run_passes(&mut self, passes: &[PassId]) -> Result<Vec<PassTime>, ExecutorError> {
         self.inner.run_passes(passes)
     }

@@ -507,7 +507,7 @@ fn open(path: &Path) -> Result<(), String> {
     if kind_of(&head) == Some(BakeKind::Scene) {
         let bake = Bake::open(path).map_err(|error| error.to_string())?;
         let text = String::from_utf8(bake.origin.application).map_err(|error| error.to_string())?;
-        return LoadedScene::of_description(bake.bake.scene, &text).map(drop);
+        return LoadedScene::of_description(bake.bake.scene().clone(), &text).map(drop);
     }
     let file = BakeFile::open(path).map_err(|error| error.to_string())?;
     let whole: PathBuf = path.with_file_name("joined.bake");

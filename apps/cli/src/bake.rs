@@ -33,7 +33,7 @@ use shell::progress::{Progress, continue_in, interruptible};
 #[derive(Args, Clone, Debug)]
 #[command(after_help = "Examples:\n  \
     patchlight bake sponza.toml --patch-count 10000 -o sponza.bake\n  \
-    patchlight bake office --for tiles,feedback,temporal -o office.bake\n  \
+    patchlight bake office --for low_rank,feedback,temporal -o office.bake\n  \
     patchlight bake office --for multibounce --codec bc6h -o office.bake\n  \
     patchlight render office.bake --method temporal --frames 60 --animate sun\n  \
     patchlight info office.bake\n\n\
@@ -41,9 +41,9 @@ use shell::progress::{Progress, continue_in, interruptible};
 pub struct Bake {
     /// A scene file (.toml, .obj, .gltf, .glb) or a built-in scene.
     pub scene: String,
-    /// Methods that the file is for: tiles, multibounce and feedback have operators, which take time to make; all
+    /// Methods that the file is for: low_rank, multibounce and feedback have operators, which take time to make; all
     /// others need nothing but what every bake has.
-    #[arg(long = "for", value_name = "METHODS", value_delimiter = ',', default_value = "tiles", value_parser = parse_purpose, help_heading = "Method")]
+    #[arg(long = "for", value_name = "METHODS", value_delimiter = ',', default_value = "low_rank", value_parser = parse_purpose, help_heading = "Method")]
     pub methods: Vec<Method>,
     #[command(flatten)]
     pub bake: BakeOptions,
@@ -121,9 +121,9 @@ pub fn run(common: &Common, args: &Bake) -> Result<(), Error> {
     }
     let report = Report {
         bytes: file_bytes(&path)?,
-        patches: bake.mesh.patches.len(),
-        elements: bake.mesh.elements.len(),
-        receivers: bake.receivers.points.len(),
+        patches: bake.mesh().patches.len(),
+        elements: bake.mesh().elements.len(),
+        receivers: bake.receivers().points.len(),
         operators: operators(&bake),
         seconds: progress.phases(),
         peak_memory_bytes: peak_memory_bytes(),
@@ -155,7 +155,7 @@ fn operators(bake: &patchlight::Bake) -> Vec<Operator> {
         options: options_of(&baked.key),
         what: baked.operator.describe(),
     };
-    bake.operators.iter().map(one).collect()
+    bake.operators().iter().map(one).collect()
 }
 
 fn print_operators(operators: &[Operator]) {
@@ -204,7 +204,7 @@ impl Lightable {
         output::make_folder(&out)?;
         // No picture is made: the least there is.
         // Of all methods photons alone know a medium.
-        let method = match bake.scene.has_medium() {
+        let method = match bake.scene().has_medium() {
             true => MethodSettings::FirstShot(FirstShotSettings::DEFAULT),
             false => MethodSettings::Classic,
         };
@@ -255,7 +255,7 @@ fn baked(
         .with_seed(common.seed);
     let bake = build(device, BuildOn::Auto, &loaded.scene, &settings, progress);
     let bake = bake.map_err(|error| Error::of_scene(error, scene))?;
-    loaded.scene = bake.scene.clone();
+    loaded.scene = bake.scene().clone();
     Ok((loaded, Arc::new(bake)))
 }
 
@@ -302,17 +302,17 @@ pub fn info(common: &Common, path: &Path) -> Result<(), Error> {
         scene_hash: origin.scene_hash.iter().map(|byte| format!("{byte:02x}")).collect(),
         has_changed,
         scene: origin.scene,
-        settings: bake.settings,
-        triangles: bake.scene.geometry.triangles.len(),
-        patches: bake.mesh.patches.len(),
-        elements: bake.mesh.elements.len(),
-        receivers: bake.receivers.points.len(),
-        interpolation_points: bake.receivers.interpolation.points.len(),
-        bounces: bake.bounces,
-        energy: bake.energy,
+        settings: *bake.settings(),
+        triangles: bake.scene().geometry.triangles.len(),
+        patches: bake.mesh().patches.len(),
+        elements: bake.mesh().elements.len(),
+        receivers: bake.receivers().points.len(),
+        interpolation_points: bake.receivers().interpolation.points.len(),
+        bounces: bake.bounces(),
+        energy: bake.energy(),
         sections: sections.iter().map(part).collect(),
         operators: operators(&bake),
-        methods: match bake.scene.has_medium() {
+        methods: match bake.scene().has_medium() {
             true => "firstshot, path",
             false => "classic, temporal, local, firstshot, path",
         },
@@ -329,12 +329,12 @@ impl Info {
         let changed = if self.has_changed { ", which has changed since: bake it again" } else { "" };
         say!("{:14} {}, {}", "bake", self.file.display(), output::bytes(self.bytes));
         say!("{:14} {} ({}…){changed}", "scene", self.scene, &self.scene_hash[..16]);
-        say!("{:14} {}", "settings", in_words(&self.settings));
+        say!("{:14} {}", "settings", settings_line(&self.settings));
         say!("{:14} {} triangles, {} bounces", "", self.triangles, self.bounces);
         say!("{:14} {}, {} elements", "patches", self.patches, self.elements);
         say!("{:14} {}, {} interpolation points", "receivers", self.receivers, self.interpolation_points);
         if let Some(energy) = &self.energy {
-            say!("{:14} {}", "errors", energy.in_words());
+            say!("{:14} {}", "errors", energy.summary());
         }
         for Part { name, offset, bytes } in &self.sections {
             say!("{:14} {name}: {} from byte {offset}", "section", output::bytes(*bytes));
@@ -345,7 +345,7 @@ impl Info {
 }
 
 /// The settings of a bake as the options have them.
-fn in_words(settings: &BakeSettings) -> String {
+fn settings_line(settings: &BakeSettings) -> String {
     let estimator = match settings.estimator {
         Estimator::Hemisphere { rays } => format!("{rays} rays a row"),
         Estimator::Contour => "form factors by contours".to_owned(),

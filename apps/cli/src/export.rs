@@ -130,7 +130,7 @@ struct Files<'a> {
 
 impl Places {
     fn of(args: &Export, loaded: &LoadedScene, bake: &Bake, progress: &Progress) -> patchlight::Result<Self> {
-        let scene = &bake.scene;
+        let scene = &bake.scene();
         let lit = lit_sides(bake);
         let numbered = (0u32..).zip(&lit);
         let sides: Vec<(u32, bool)> = numbered
@@ -244,7 +244,7 @@ fn lightmap(
 
 /// Edge of texels of which about [`TEXELS`] cover the lit sides, m.
 fn even_texel(scene: &Scene, sides: &[Sides]) -> f32 {
-    let area = |(t, side): (&scene::Triangle, &Sides)| {
+    let area = |(t, side): (&scene::gpu::Triangle, &Sides)| {
         0.5 * f64::from(t.edge_a.cross(t.edge_b).length()) * f64::from(u8::from(side.front) + u8::from(side.back))
     };
     let area: f64 = scene.geometry.triangles.iter().zip(sides).map(area).sum();

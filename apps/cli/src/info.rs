@@ -4,8 +4,9 @@ mod operator;
 
 use std::time::Instant;
 
+use scene::gpu::{LIGHT_DIRECTIONAL, LIGHT_LUMINAIRE, LIGHT_POINT, LIGHT_RECT, LIGHT_SPOT};
 use scene::math::luminance;
-use scene::{LIGHT_DIRECTIONAL, LIGHT_LUMINAIRE, LIGHT_POINT, LIGHT_RECT, LIGHT_SPOT, LUMENS_PER_WATT, NONE};
+use scene::{LUMENS_PER_WATT, NONE};
 use serde::Serialize;
 
 use assets::import::{LoadedScene, load_or_build};
@@ -108,7 +109,7 @@ pub fn run(common: &Common, spec: &str, patches: &PatchOptions, operator: &Opera
 impl Info {
     fn of(loaded: &LoadedScene) -> Self {
         let s = &loaded.scene;
-        let area = |t: &scene::Triangle| f64::from(0.5 * t.edge_a.cross(t.edge_b).length());
+        let area = |t: &scene::gpu::Triangle| f64::from(0.5 * t.edge_a.cross(t.edge_b).length());
         let count = |f: &dyn Fn(&scene::Material) -> bool| s.materials.iter().filter(|m| f(m)).count();
         let lights = s.lighting.lights.iter().map(|l| match l.kind {
             LIGHT_DIRECTIONAL => format!("directional, irradiance {} W/m²", l.color),

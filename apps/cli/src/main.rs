@@ -7,10 +7,12 @@ extern crate shell;
 
 mod args;
 mod bake;
+mod cli;
 mod compare;
 mod demo;
 mod devices;
 mod export;
+mod idle;
 mod illuminance;
 mod info;
 mod manual;
@@ -33,7 +35,7 @@ use shell::args::{Input, Method};
 use shell::program::{self, Program};
 use shell::progress::Progress;
 
-use args::{Cli, Command, idle};
+use cli::{Cli, Command};
 
 /// Runs the command that the process was started with. Exit code 0, 1 for an error, 2 for wrong usage, 130 after
 /// Ctrl-C.

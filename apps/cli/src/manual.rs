@@ -7,7 +7,7 @@ use shell::Error;
 use shell::args::definition;
 use shell::output;
 
-use crate::args::Cli;
+use crate::cli::Cli;
 
 /// Writes completions to standard output.
 pub fn completions(shell: Shell) -> Result<(), Error> {

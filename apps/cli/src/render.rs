@@ -81,10 +81,10 @@ pub fn run_bake(common: &Common, args: &mut Render) -> Result<(), Error> {
     if !args.is_method_given {
         args.method = best_method(&opened.bake);
     }
-    let seed = if args.method == Method::Path { common.seed } else { opened.bake.settings.seed };
+    let seed = if args.method == Method::Path { common.seed } else { opened.bake.settings().seed };
     let asked = method_settings(args, opened.loaded.exposure_stops, seed);
     if args.method != Method::Path {
-        asked.check_medium(&opened.bake.scene)?;
+        asked.check_medium(opened.bake.scene())?;
     }
     let method = opened.method(path, args.method, asked, &args.operators)?;
     let Opened { loaded, bake, .. } = opened;
@@ -191,7 +191,7 @@ impl Job<'_> {
         let saved = (args.frames == 1).then(|| out.join("accumulation.bin"));
         let mut scene = loaded.scene.clone();
         if scene.specular_material().is_some()
-            && scene.lighting.lights.iter().any(|light| light.kind != scene::LIGHT_RECT)
+            && scene.lighting.lights.iter().any(|light| light.kind != scene::gpu::LIGHT_RECT)
         {
             progress.warn(
                 "what points, spots, luminaires and suns send by way of mirrors or through glass is not found by \
@@ -251,8 +251,8 @@ impl Job<'_> {
             if args.frames == 1 {
                 photons::write_files(
                     photons.shot(),
-                    &renderer.light().bake().scene,
-                    &renderer.light().bake().mesh,
+                    renderer.light().bake().scene(),
+                    renderer.light().bake().mesh(),
                     self.out,
                 )?;
             }
@@ -276,8 +276,8 @@ impl Job<'_> {
             |patches, bounces| settings.method.check_memory(patches, bounces, &settings.build).map_err(of_scene);
         if let Some(bake) = &subject.bake {
             // Operators are there.
-            if OperatorKey::of(&settings.method, &bake.settings).is_none() {
-                check(bake.mesh.patches.len(), bake.settings.bounces)?;
+            if OperatorKey::of(&settings.method, bake.settings()).is_none() {
+                check(bake.mesh().patches.len(), bake.settings().bounces)?;
             }
             return Ok(Arc::clone(bake));
         }
@@ -297,7 +297,7 @@ impl Job<'_> {
         let (width, height) = self.size;
         let pixels = f64::from(width) * f64::from(height) * f64::from(sub_frames);
         let samples = match &self.subject.bake {
-            Some(bake) => bake.mesh.points.len() as f64,
+            Some(bake) => bake.mesh().points.len() as f64,
             None => self.args.bake.patches.count() as f64 * f64::from(BakeSettings::default().samples),
         };
         let rays = lights as f64 * (pixels + samples);
@@ -352,9 +352,9 @@ impl Job<'_> {
     fn describe(&self, renderer: &PictureRenderer, summary: &mut Summary) {
         let progress = self.progress;
         let bake = renderer.light().bake();
-        summary.patches = Some(bake.mesh.patches.len());
-        summary.receivers = Some(bake.receivers.points.len());
-        summary.energy = bake.energy;
+        summary.patches = Some(bake.mesh().patches.len());
+        summary.receivers = Some(bake.receivers().points.len());
+        summary.energy = bake.energy();
         summary.bytes = renderer.light().bytes();
         let multibounce = renderer.light().method().as_any().downcast_ref::<Multibounce>();
         if let Some(decoder) = multibounce.and_then(Multibounce::decoder) {
@@ -473,7 +473,7 @@ impl Job<'_> {
 fn method_settings(args: &Render, exposure_stops: f32, seed: u32) -> MethodSettings {
     match args.method {
         Method::Multibounce => MethodSettings::Multibounce(args.operators.storage()),
-        Method::Tiles => MethodSettings::Multibounce(args.operators.tiles()),
+        Method::LowRank => MethodSettings::Multibounce(args.operators.low_rank()),
         Method::Feedback => MethodSettings::Feedback(args.methods.feedback(&args.operators)),
         Method::Temporal => MethodSettings::Temporal(args.temporal.settings(seed)),
         Method::Local => MethodSettings::Local(args.local.options(exposure_stops)),

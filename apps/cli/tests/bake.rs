@@ -29,11 +29,11 @@ fn every_method_renders_the_same_bits_from_a_bake() {
     let name = |file: &str| folder.path().join(file).to_string_lossy().into_owned();
     let file = name("a.bake");
     let dense = name("dense.bake");
-    bake("cornell", &file, &["--for", "tiles,feedback", "--epsilon", "0.05", "--seed", "3"]);
+    bake("cornell", &file, &["--for", "low_rank,feedback", "--epsilon", "0.05", "--seed", "3"]);
     bake("cornell", &dense, &["--for", "multibounce", "--codec", "dense", "--seed", "3"]);
     let cases: [(&str, &[&str], &[&str]); 7] = [
         (&file, &["--method", "classic"], &[]),
-        (&file, &["--method", "tiles"], &["--epsilon", "0.05"]),
+        (&file, &["--method", "low_rank"], &["--epsilon", "0.05"]),
         (&file, &["--method", "feedback"], &["--epsilon", "0.05"]),
         (&file, &["--method", "temporal"], &[]),
         (&file, &["--method", "local"], &[]),
@@ -65,9 +65,9 @@ fn all_kinds_of_patches_and_receivers_are_kept() {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("a.bake").to_string_lossy().into_owned();
     for (patches, receivers) in [("polygon", "mesh"), ("cluster", "pixels"), ("voxel", "mesh"), ("axis", "self")] {
-        let more = ["--patches", patches, "--receivers", receivers, "--for", "tiles,multibounce", "--codec", "bc1"];
+        let more = ["--patches", patches, "--receivers", receivers, "--for", "low_rank,multibounce", "--codec", "bc1"];
         bake("cornell", &file, &more);
-        for method in [&["tiles"][..], &["multibounce", "--codec", "bc1"]] {
+        for method in [&["low_rank"][..], &["multibounce", "--codec", "bc1"]] {
             let method = [&["--method"], method].concat();
             let (from_bake, _) = render(&[&[&file[..]], &method[..]].concat(), &folder.path().join("bake"));
             let of_scene = [&["cornell"], &method[..], &more[..4], &BAKED].concat();
@@ -82,7 +82,7 @@ fn threads_and_kills_change_no_byte() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name);
     let arguments = |path: &Path, threads: &str| -> Vec<String> {
-        let own = ["bake", "cornell", "--for", "tiles,feedback", "-o", path.to_str().unwrap(), "--threads", threads];
+        let own = ["bake", "cornell", "--for", "low_rank,feedback", "-o", path.to_str().unwrap(), "--threads", threads];
         own.iter().chain(&BAKED).chain(&["--quiet"]).map(|one| (*one).to_owned()).collect()
     };
     let command_of =
@@ -111,7 +111,7 @@ fn threads_and_kills_change_no_byte() {
     assert!(command_of(&killed, "2").output().unwrap().status.success());
     assert!(fs::read(&killed).unwrap() == expected);
     assert!(resumed > 0 && !beginning.exists(), "{resumed}");
-    bake("cornell", at("seed.bake").to_str().unwrap(), &["--for", "tiles,feedback", "--seed", "1"]);
+    bake("cornell", at("seed.bake").to_str().unwrap(), &["--for", "low_rank,feedback", "--seed", "1"]);
     assert!(fs::read(at("seed.bake")).unwrap() != expected);
 }
 
@@ -143,14 +143,16 @@ fn what_a_bake_does_not_hold_is_said_with_the_remedy() {
     let name = |file: &str| folder.path().join(file).to_string_lossy().into_owned();
     let file = name("a.bake");
     bake("cornell", &file, &["--for", "temporal"]);
-    let message = fails(1, &["render", &file, "--method", "tiles", "--quiet"]);
-    for word in ["a.bake", "--method tiles", "nor any other", "patchlight bake SCENE --for tiles", "render the scene"] {
+    let message = fails(1, &["render", &file, "--method", "low_rank", "--quiet"]);
+    for word in
+        ["a.bake", "--method low_rank", "nor any other", "patchlight bake SCENE --for low_rank", "render the scene"]
+    {
         assert!(message.contains(word), "{message}");
     }
     bake("cornell", &file, &["--epsilon", "0.05"]);
-    for options in [&["--method", "feedback"][..], &["--method", "tiles", "--epsilon", "0.01"]] {
+    for options in [&["--method", "feedback"][..], &["--method", "low_rank", "--epsilon", "0.01"]] {
         let message = fails(1, &[&["render", &file, "--quiet"], options].concat());
-        assert!(message.contains("but for --method tiles --epsilon 0.05"), "{message}");
+        assert!(message.contains("but for --method low_rank --epsilon 0.05"), "{message}");
     }
     // What the bake has decided is not asked for again.
     let out = name("out");
@@ -246,11 +248,12 @@ fn a_scene_that_was_edited_since_is_named() {
 fn info_says_what_a_bake_holds() {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("a.bake").to_string_lossy().into_owned();
-    bake("cornell", &file, &["--for", "tiles,multibounce", "--codec", "f16", "--seed", "5"]);
+    bake("cornell", &file, &["--for", "low_rank,multibounce", "--codec", "f16", "--seed", "5"]);
     let output = run(&["info", &file, "--patch-count", "7"]);
     assert!(text(&output.stderr).contains("--patch-count is for scenes, not bakes"), "{}", text(&output.stderr));
     let said = text(&output.stdout);
-    for word in ["cornell", "about 100 ", "64 rays a row", "seed 5", "tiles --epsilon 0.01", "multibounce --codec f16"]
+    for word in
+        ["cornell", "about 100 ", "64 rays a row", "seed 5", "low_rank --epsilon 0.01", "multibounce --codec f16"]
     {
         assert!(said.contains(word), "{word}: {said}");
     }

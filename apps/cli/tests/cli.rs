@@ -75,7 +75,7 @@ fn a_medium_is_path_traced_and_refused_by_name_where_form_factors_are_needed() {
     std::fs::write(path("fog.toml"), format!("version = 1\nmesh = \"a.obj\"\n{lamp}{medium}")).unwrap();
     let scene = path("fog.toml");
     let out = path("out");
-    for method in ["classic", "tiles", "feedback", "temporal", "local"] {
+    for method in ["classic", "low_rank", "feedback", "temporal", "local"] {
         let own = ["render", &scene, "--method", method, "--out", &out];
         let message = fails(1, &[&own[..], &SMALL].concat());
         assert!(message.contains("medium") && message.contains("path trace"), "{method}: {message}");
@@ -88,7 +88,7 @@ fn a_medium_is_path_traced_and_refused_by_name_where_form_factors_are_needed() {
     }
     succeeds(&["bake", &scene, "--for", "firstshot", "--patch-count", "60", "--out", &bake, "--quiet"]);
     assert!(succeeds(&["info", &bake]).contains("firstshot, path\n"));
-    assert!(fails(1, &["render", &bake, "--method", "tiles", "--out", &out]).contains("medium"));
+    assert!(fails(1, &["render", &bake, "--method", "low_rank", "--out", &out]).contains("medium"));
     let small = ["--out", &out, "--size", "32x24", "--spp", "2", "--quiet"];
     for (scene, method) in [(&scene, "path"), (&scene, "firstshot"), (&bake, "firstshot")] {
         succeeds(&[&["render", scene.as_str(), "--method", method][..], &small].concat());
@@ -345,10 +345,10 @@ fn the_default_method_is_the_one_that_is_recommended() {
         summary["method"].as_str().unwrap().to_owned()
     };
     let small = ["--rays", "64", "--patch-count", "100"];
-    assert_eq!(method("cornell", &small), "tiles");
+    assert_eq!(method("cornell", &small), "low_rank");
     assert_eq!(method("cornell", &[&small[..], &["--method", "classic"]].concat()), "classic");
     let bake = name("a.bake");
-    for (methods, expected) in [("classic", "classic"), ("feedback", "feedback"), ("tiles", "tiles")] {
+    for (methods, expected) in [("classic", "classic"), ("feedback", "feedback"), ("low_rank", "low_rank")] {
         let baked = ["bake", "cornell", "--for", methods, "--quiet", "--out", &bake, "--device", "cpu"];
         succeeds(&[&baked[..], &small].concat());
         assert_eq!(method(&bake, &[]), expected);
@@ -393,7 +393,7 @@ fn one_product_gives_what_many_bounces_give() {
     };
     let classic = full("classic", &[]);
     for (method, more) in [
-        ("tiles", vec!["--epsilon", "0.01"]),
+        ("low_rank", vec!["--epsilon", "0.01"]),
         ("feedback", vec![]),
         ("feedback", vec!["--epsilon=0.001"]),
         ("multibounce", vec![]),
@@ -408,9 +408,9 @@ fn one_product_gives_what_many_bounces_give() {
         // Patches with 64 rays: making F reciprocal moves some light.
         assert!((found / classic - 1.0).abs() < 0.03, "{method}: {found} {classic}");
     }
-    let one = full("tiles", &["--bounces", "3"]);
+    let one = full("low_rank", &["--bounces", "3"]);
     assert!(one < 0.98 * classic, "three bounces are not all: {one} {classic}");
-    assert!(fails(2, &["render", "cornell", "--method", "tiles", "--epsilon", "2"]).contains("epsilon"));
+    assert!(fails(2, &["render", "cornell", "--method", "low_rank", "--epsilon", "2"]).contains("epsilon"));
     assert!(fails(2, &["render", "cornell", "--method", "multibounce", "--codec", "bc2"]).contains("bc6h"));
     // Native code has no texture unit: said before anything is baked.
     let asked = ["--method", "multibounce", "--codec", "bc1", "--decode", "texture", "--device", "cpu"];
@@ -429,8 +429,8 @@ fn the_short_form_of_a_method_gives_the_same_bytes() {
         succeeds(&arguments);
         std::fs::read(out.join("full.exr")).unwrap()
     };
-    let short = picture("short", &["--method", "tiles", "--epsilon", "0.1"]);
-    let long = ["--method", "multibounce", "--codec", "tiles", "--epsilon", "0.1"];
+    let short = picture("short", &["--method", "low_rank", "--epsilon", "0.1"]);
+    let long = ["--method", "multibounce", "--codec", "low_rank", "--epsilon", "0.1"];
     assert_eq!(short, picture("long", &long));
     assert_ne!(short, picture("other", &["--method", "multibounce", "--codec", "bc1"]));
 }
@@ -572,8 +572,8 @@ fn info_tells_what_operators_take_and_lose() {
         assert_eq!(t["order_mse"].as_array().map(Vec::len), is_blocks.then_some(5), "{t}");
         assert_eq!(t["decode"].as_str().is_some(), is_blocks, "{t}");
     }
-    let fine = info("tiles", "0.001");
-    let coarse = info("tiles", "0.1");
+    let fine = info("low_rank", "0.001");
+    let coarse = info("low_rank", "0.1");
     for k in 0..2 {
         let fine = &fine["stored"][k];
         let coarse = &coarse["stored"][k];
@@ -587,10 +587,10 @@ fn info_tells_what_operators_take_and_lose() {
         assert_eq!((picture.width, picture.height), (150, 150));
         picture.pixels.iter().map(|p| p.x).sum::<f32>() / picture.pixels.len() as f32
     };
-    for codec in ["f160.01", "bc10.01", "tiles0.1"] {
+    for codec in ["f160.01", "bc10.01", "low_rank0.1"] {
         assert!(mean(codec, "matrix-error") < 0.6 * mean(codec, "matrix"), "{codec}");
     }
-    assert!(mean("tiles0.001", "matrix-error") < mean("tiles0.1", "matrix-error"));
+    assert!(mean("low_rank0.001", "matrix-error") < mean("low_rank0.1", "matrix-error"));
     assert!((mean("bc10.01", "matrix-reordered") - mean("bc10.01", "matrix")).abs() < 1e-3);
     assert!(!folder.path().join("dense0.01/matrix-reordered.png").exists());
     assert!(fails(2, &["info", "cornell", "--codec", "bc1"]).contains("--operator"));
@@ -608,13 +608,13 @@ fn the_demo_writes_a_report_that_needs_no_other_file() {
         assert!(report.contains(word), "{word}");
     }
     // Six methods beside each other: in the tables of times, memory and phases, and one by one in those of errors.
-    let head = "<th>classic</th><th>tiles</th><th>feedback</th><th>temporal</th><th>local</th><th>firstshot</th>";
+    let head = "<th>classic</th><th>low_rank</th><th>feedback</th><th>temporal</th><th>local</th><th>firstshot</th>";
     assert_eq!(report.matches(head).count(), 9);
-    assert_eq!(report.matches("<td>frame 5, tiles</td>").count(), 6);
+    assert_eq!(report.matches("<td>frame 5, low_rank</td>").count(), 6);
     let summary: serde_json::Value =
         serde_json::from_str(&std::fs::read_to_string(folder.path().join("summary.json")).unwrap()).unwrap();
     let methods: Vec<&str> = summary.as_array().unwrap().iter().filter_map(|s| s["method"].as_str()).collect();
-    assert_eq!(methods, ["classic", "tiles", "feedback", "temporal", "local", "firstshot"].repeat(3));
+    assert_eq!(methods, ["classic", "low_rank", "feedback", "temporal", "local", "firstshot"].repeat(3));
     let ssim = |k: usize| summary[k]["indirect"]["ssim"].as_f64().unwrap();
     assert!((0..18).all(|k| (ssim(k) - ssim(k / 6 * 6)).abs() < 0.02 && ssim(k) > 0.1), "{summary}");
     assert!(!report.contains("http") && report.len() < 5 << 20);
@@ -732,7 +732,7 @@ fn debug_pictures_show_the_bake() {
 fn the_frame_graph_is_written_with_times() {
     let folder = tempfile::tempdir().unwrap();
     let [out, graph] = ["out", "frame.dot"].map(|name| folder.path().join(name));
-    let mut arguments = vec!["render", "cornell", "--method", "tiles", "--graph", graph.to_str().unwrap()];
+    let mut arguments = vec!["render", "cornell", "--method", "low_rank", "--graph", graph.to_str().unwrap()];
     arguments.extend(["--out", out.to_str().unwrap()]);
     arguments.extend(SMALL);
     succeeds(&arguments);
@@ -746,7 +746,7 @@ fn the_frame_graph_is_written_with_times() {
     arguments[3] = "path";
     succeeds(&arguments);
     let file = out.join("summary.json/frame.dot");
-    (arguments[3], arguments[5]) = ("tiles", file.to_str().unwrap());
+    (arguments[3], arguments[5]) = ("low_rank", file.to_str().unwrap());
     assert!(fails(1, &arguments).contains("summary.json/frame.dot"));
 }
 

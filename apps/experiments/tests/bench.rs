@@ -100,9 +100,10 @@ fn bench_operator_keeps_the_error_of_every_kind_of_patches() {
             rows.iter().filter(is_it).collect::<Vec<_>>()
         };
         // Three bounces and sparse rows of F, dense T, blocks of T, hits and sparse rows of F_r stand beside tiles.
-        let counts = [("F", "tiles"), ("T", "tiles"), ("T", "bc1"), ("F_r", "tiles"), ("F_r", "counts of hits")];
+        let counts =
+            [("F", "low_rank"), ("T", "low_rank"), ("T", "bc1"), ("F_r", "low_rank"), ("F_r", "counts of hits")];
         assert_eq!(counts.map(|(operator, method)| of(operator, method).len()), [2, 2, 1, 1, 1], "{kind}: {summary}");
-        for (operator, method) in [("F", "tiles"), ("T", "tiles"), ("F_r", "tiles")] {
+        for (operator, method) in [("F", "low_rank"), ("T", "low_rank"), ("F_r", "low_rank")] {
             for row in of(operator, method) {
                 let number = |key: &str| row[key].as_f64().unwrap_or_else(|| panic!("{key}: {row}"));
                 assert!(number("frobenius") > 0.0 && number("frobenius") <= number("epsilon"), "{row}");
@@ -112,7 +113,7 @@ fn bench_operator_keeps_the_error_of_every_kind_of_patches() {
                 assert!(number("median_ms") > 0.0 && number("stored_bytes") <= number("bytes"), "{row}");
             }
         }
-        let bytes = |k: usize| of("T", "tiles")[k]["stored_bytes"].as_u64().unwrap();
+        let bytes = |k: usize| of("T", "low_rank")[k]["stored_bytes"].as_u64().unwrap();
         assert!(bytes(0) < bytes(1), "less error takes more bytes: {summary}");
     }
     let report = std::fs::read_to_string(folder.path().join("report.html")).unwrap();
@@ -181,6 +182,9 @@ fn bench_frame_tells_where_the_time_of_light_updates_goes() {
         assert_eq!(rest["passes"][pass].as_f64(), Some(0.0), "{pass}");
         assert!(part["passes"][pass].as_f64().unwrap() > 0.0, "{pass}");
     }
+    let cost = &summary["points"][0];
+    assert_eq!(cost["points"].as_u64(), Some(1000));
+    assert!(cost["microseconds_a_point"].as_f64().unwrap() > 0.0, "{cost}");
     assert!(leftovers(folder.path()).is_empty());
 }
 

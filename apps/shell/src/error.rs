@@ -216,7 +216,7 @@ fn hint(error: &patchlight::Error) -> Option<String> {
             "--receivers self needs --patches voxel or axis; or choose --receivers mesh"
         }
         Library::TooLarge { .. } => {
-            "--receiver-edge or --most-receivers, --patch-count, --method tiles, --slots, --size; or a larger \
+            "--receiver-edge or --most-receivers, --patch-count, --method low_rank, --slots, --size; or a larger \
              --memory-limit"
         }
         Library::OperatorMemory { instead, .. } => return Some(format!("--patch-count, --method {instead}")),

@@ -12,10 +12,11 @@ use patchlight::bake::direct_params;
 use patchlight::debug::DebugPicture;
 use patchlight::low_level::operator::{PatchOperator, SymmetricFactors};
 use reference::Picture;
+use scene::Scene;
+use scene::gpu::DirectParams;
 use scene::kernel::shade::decode_srgb;
 use scene::math::ln;
 use scene::sampling::{hash3, unit};
-use scene::{DirectParams, Scene};
 use transport::{LinearOperator, Permutation};
 
 use crate::error::Error;

@@ -40,7 +40,7 @@ impl Opened {
         let BakeFile { bake, origin, sections } = progress.phase("open", |_| Bake::open(path))?;
         let loaded = std::str::from_utf8(&origin.application)
             .map_err(|error| error.to_string())
-            .and_then(|text| LoadedScene::of_description(bake.scene.clone(), text))
+            .and_then(|text| LoadedScene::of_description(bake.scene().clone(), text))
             .map_err(|reason| BakeError::Damaged {
                 path: path.display().to_string(),
                 part: "origin",
@@ -78,9 +78,9 @@ impl Opened {
         asked: MethodSettings,
         options: &OperatorSettings,
     ) -> Result<MethodSettings, Error> {
-        let Some(key) = OperatorKey::of(&asked, &self.bake.settings) else { return Ok(asked) };
-        let held: Vec<OperatorKey> = self.bake.operators.iter().map(|baked| baked.key).collect();
-        if self.bake.mesh.patches.is_empty() || held.contains(&key) {
+        let Some(key) = OperatorKey::of(&asked, self.bake.settings()) else { return Ok(asked) };
+        let held: Vec<OperatorKey> = self.bake.operators().iter().map(|baked| baked.key).collect();
+        if self.bake.mesh().patches.is_empty() || held.contains(&key) {
             return Ok(asked);
         }
         let is_open = method == Method::Multibounce && options.codec.is_none() && options.epsilon.is_none();
@@ -114,7 +114,7 @@ impl Opened {
 /// The method of an operator, or one without.
 pub fn operator_of(options: &OperatorSettings, method: Method) -> MethodSettings {
     match method {
-        Method::Tiles => MethodSettings::Multibounce(options.tiles()),
+        Method::LowRank => MethodSettings::Multibounce(options.low_rank()),
         Method::Multibounce => MethodSettings::Multibounce(options.storage()),
         Method::Feedback => {
             let FeedbackSettings { products, accelerated, .. } = FeedbackSettings::default();
@@ -127,7 +127,7 @@ pub fn operator_of(options: &OperatorSettings, method: Method) -> MethodSettings
 /// The method and options of `render` that take an operator.
 pub fn options_of(key: &OperatorKey) -> String {
     match *key {
-        OperatorKey::Bounces { codec: Codec::LowRank { epsilon }, .. } => format!("tiles --epsilon {epsilon}"),
+        OperatorKey::Bounces { codec: Codec::LowRank { epsilon }, .. } => format!("low_rank --epsilon {epsilon}"),
         OperatorKey::Bounces { codec, .. } => format!("multibounce --codec {}", codec.name()),
         OperatorKey::FormFactors { epsilon } => format!("feedback --epsilon {epsilon}"),
     }
@@ -178,12 +178,12 @@ pub fn is_younger(file: &Path, than: SystemTime) -> bool {
 
 /// The method that a bake has the best operator for; photons where there is a medium.
 pub fn best_method(bake: &Bake) -> Method {
-    if bake.scene.has_medium() {
+    if bake.scene().has_medium() {
         return Method::Firstshot;
     }
-    let has = |suits: fn(&OperatorKey) -> bool| bake.operators.iter().any(|baked| suits(&baked.key));
+    let has = |suits: fn(&OperatorKey) -> bool| bake.operators().iter().any(|baked| suits(&baked.key));
     if has(|key| matches!(key, OperatorKey::Bounces { codec: Codec::LowRank { .. }, .. })) {
-        Method::Tiles
+        Method::LowRank
     } else if has(|key| matches!(key, OperatorKey::Bounces { .. })) {
         Method::Multibounce
     } else if has(|key| matches!(key, OperatorKey::FormFactors { .. })) {

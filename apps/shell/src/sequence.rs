@@ -5,9 +5,10 @@ use std::path::Path;
 
 use glam::Vec3;
 use reference::metrics::compare_pictures;
+use scene::gpu::LIGHT_DIRECTIONAL;
 use scene::kernel::shade::encode_srgb;
 use scene::math::luminance;
-use scene::{Camera, LIGHT_DIRECTIONAL, Light, Lighting};
+use scene::{Camera, Light, Lighting};
 
 use crate::args::common::{Animate, CameraPath};
 use crate::error::Error;
@@ -17,7 +18,7 @@ use crate::report::{Plot, Section, Series, page};
 use assets::import::{Animation, LoadedScene, Target, View};
 use localmatrix::CameraFrame;
 use patchlight::memory::peak_memory_bytes;
-use patchlight::method::local::SHOWN_ALBEDO;
+use patchlight::method::local::{Local, SHOWN_ALBEDO};
 use patchlight::{FrameResult, PictureRenderer};
 
 /// Time of a frame: the animation's length spread over the frames.
@@ -153,7 +154,7 @@ impl Sequence {
         done: &FrameResult,
     ) -> Result<(), Error> {
         let light = renderer.light_mut().surface_irradiance()?;
-        let local = renderer.light_mut().counted_report()?.local;
+        let local = renderer.light_mut().counted_method::<Local>()?.map(|local| local.last_frame().clone());
         let mut error = None;
         let mut ssim = None;
         if let Some(exact) = exact {

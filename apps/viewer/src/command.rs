@@ -42,13 +42,13 @@ use crate::{Display, MethodDefaults, Report, Settings};
 pub struct View {
     /// A scene file (.toml, .obj, .gltf, .glb), a built-in scene, or the bake of one.
     pub scene: String,
-    /// First method for indirect light [default: tiles where there is an operator for it, else classic; firstshot in a
+    /// First method for indirect light [default: low_rank where there is an operator for it, else classic; firstshot in a
     /// medium].
     #[arg(long, value_parser = parse_purpose, help_heading = "Method")]
     pub method: Option<Method>,
-    /// Methods whose operators are made of a scene, so that the window can switch to them: tiles, multibounce,
+    /// Methods whose operators are made of a scene, so that the window can switch to them: low_rank, multibounce,
     /// feedback. All others need none.
-    #[arg(long = "for", value_name = "METHODS", value_delimiter = ',', default_value = "tiles", value_parser = parse_purpose, help_heading = "Method")]
+    #[arg(long = "for", value_name = "METHODS", value_delimiter = ',', default_value = "low_rank", value_parser = parse_purpose, help_heading = "Method")]
     pub methods: Vec<Method>,
     /// Size of the window, pixels.
     #[arg(long, value_parser = parse_size, default_value = "1280x720", help_heading = "Picture")]
@@ -155,7 +155,7 @@ fn bake(common: &Common, args: &View, progress: &Progress) -> Result<(LoadedScen
     let mut device = open_device(common, progress)?;
     let built = opened::build(device.as_mut(), BuildOn::Auto, &loaded.scene, &settings, progress);
     let mut bake = built.map_err(of_scene)?;
-    if bake.mesh.patches.is_empty() {
+    if bake.mesh().patches.is_empty() {
         return Ok((loaded, bake));
     }
     let shared = Arc::new(bake.clone());
@@ -164,7 +164,7 @@ fn bake(common: &Common, args: &View, progress: &Progress) -> Result<(LoadedScen
         let eye = loaded.view.eye;
         let with = Preparation { bake: &shared, decode: Decode::Auto, build: &build, eye, observer: progress };
         let made = interruptible(|| key.find_or_build(&with, device.as_mut())).map_err(of_scene)?;
-        bake.operators.push(BakedOperator { key, operator: made });
+        bake.add_operator(BakedOperator { key, operator: made });
     }
     Ok((loaded, bake))
 }
@@ -200,5 +200,5 @@ fn print(common: &Common, report: &Report) {
         return;
     }
     say!("{:14} {device}; window: {screen}; last picture {} x {}", "device", size.0, size.1);
-    say!("{:14} {}", "rate", rate.in_words());
+    say!("{:14} {}", "rate", rate.summary());
 }

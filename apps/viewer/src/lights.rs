@@ -2,7 +2,8 @@
 
 use glam::{Vec3, vec3};
 use patchlight::Bake;
-use scene::{LIGHT_DIRECTIONAL, LIGHT_POINT, LIGHT_RECT, LIGHT_SPOT, Light, Lighting};
+use scene::gpu::{LIGHT_DIRECTIONAL, LIGHT_POINT, LIGHT_RECT, LIGHT_SPOT};
+use scene::{Light, Lighting};
 
 /// Half-angles of a new spot, degrees.
 const SPOT_DEGREES: (f64, f64) = (15.0, 30.0);
@@ -124,8 +125,8 @@ pub struct EditedLighting {
 impl EditedLighting {
     /// The lighting of a bake.
     pub fn of(bake: &Bake) -> Self {
-        let base = bake.scene.lighting.clone();
-        let own_emission: Vec<Vec3> = bake.scene.materials.iter().map(|material| material.radiance).collect();
+        let base = bake.scene().lighting.clone();
+        let own_emission: Vec<Vec3> = bake.scene().materials.iter().map(|material| material.radiance).collect();
         Self {
             lights: base.lights.iter().copied().map(EditedLight::new).collect(),
             emission: own_emission.clone(),

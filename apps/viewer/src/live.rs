@@ -252,7 +252,7 @@ impl Live {
 /// # Errors
 /// [`Error::PixelReceivers`].
 pub fn check(bake: &Bake) -> Result<(), Error> {
-    match bake.settings.receivers {
+    match bake.settings().receivers {
         ReceiverKind::Pixels => Err(Error::PixelReceivers),
         ReceiverKind::Mesh | ReceiverKind::Patches => Ok(()),
     }

@@ -40,21 +40,21 @@ impl Methods {
     pub fn of(bake: &Bake, defaults: &MethodDefaults) -> Self {
         let mut choices = Vec::new();
         let mut add = |name: &str, settings: MethodSettings, why_not: Option<String>| {
-            let why_not = settings.check_medium(&bake.scene).err().map(|error| error.to_string()).or(why_not);
+            let why_not = settings.check_medium(bake.scene()).err().map(|error| error.to_string()).or(why_not);
             choices.push(MethodChoice { name: name.to_owned(), settings, why_not });
         };
         add("classic", MethodSettings::Classic, None);
         let held = |settings: &MethodSettings| {
-            OperatorKey::of(settings, &bake.settings)
-                .is_none_or(|key| bake.operators.iter().any(|baked| baked.key == key))
+            OperatorKey::of(settings, bake.settings())
+                .is_none_or(|key| bake.operators().iter().any(|baked| baked.key == key))
         };
-        let codecs: Vec<Codec> = bake.operators.iter().filter_map(|baked| codec_of(&baked.key)).collect();
+        let codecs: Vec<Codec> = bake.operators().iter().filter_map(|baked| codec_of(&baked.key)).collect();
         let missing = |name: &str| Some(format!("the bake holds no operator for it: bake with --for {name}"));
         let tiles = codecs.iter().find(|codec| matches!(codec, Codec::LowRank { .. }));
         let settings = MethodSettings::Multibounce(
             tiles.copied().unwrap_or(Codec::LowRank { epsilon: defaults.feedback.epsilon }),
         );
-        add("tiles", settings, if held(&settings) { None } else { missing("tiles") });
+        add("low_rank", settings, if held(&settings) { None } else { missing("low_rank") });
         let others: Vec<Codec> = codecs.iter().copied().filter(|c| !matches!(c, Codec::LowRank { .. })).collect();
         for codec in &others {
             add(&format!("multibounce {}", codec.name()), MethodSettings::Multibounce(*codec), None);
@@ -63,7 +63,7 @@ impl Methods {
             let why = missing("multibounce --codec CODEC");
             add("multibounce", MethodSettings::Multibounce(Codec::Dense), why);
         }
-        let epsilon = bake.operators.iter().find_map(|baked| match baked.key {
+        let epsilon = bake.operators().iter().find_map(|baked| match baked.key {
             OperatorKey::FormFactors { epsilon } => Some(epsilon),
             OperatorKey::Bounces { .. } => None,
         });
@@ -72,8 +72,8 @@ impl Methods {
         add("feedback", settings, if held(&settings) { None } else { missing("feedback") });
         add("temporal", MethodSettings::Temporal(defaults.temporal), None);
         let settings = MethodSettings::Local(defaults.local);
-        let patches = bake.mesh.patches.len();
-        let memory = settings.check_memory(patches, bake.settings.bounces, &Build::default());
+        let patches = bake.mesh().patches.len();
+        let memory = settings.check_memory(patches, bake.settings().bounces, &Build::default());
         add("local", settings, memory.err().map(|error| error.to_string()));
         add("firstshot", MethodSettings::FirstShot(defaults.first_shot), None);
         Self { choices, chosen: 0 }

@@ -10,10 +10,11 @@ use glam::Vec3;
 use patchlight::bake::direct_params;
 use patchlight::outputs::LiveProbes;
 use rayon::prelude::*;
+use scene::gpu::DirectParams;
 use scene::kernel::camera::camera_direction;
 use scene::kernel::shade::{decode_srgb, encode_srgb};
 use scene::math::sqrt;
-use scene::{Camera, DirectParams, NONE, Scene, SurfacePoint, stops_to_scale};
+use scene::{Camera, NONE, Scene, SurfacePoint, stops_to_scale};
 
 /// Probes, about.
 pub const PROBES: u32 = 512;

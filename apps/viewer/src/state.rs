@@ -161,11 +161,11 @@ pub struct State {
 impl State {
     /// The state in which the window opens.
     pub fn new(loaded: &LoadedScene, bake: &Bake, defaults: &MethodDefaults) -> Self {
-        let (low, high) = bake.scene.geometry.bounds;
+        let (low, high) = bake.scene().geometry.bounds;
         let metres = (high - low).length();
         let cameras = cameras(loaded, metres);
         let suits = |shown: &Shown| match shown {
-            Shown::Debug(kind) => kind.suits(&bake.mesh, &bake.receivers),
+            Shown::Debug(kind) => kind.suits(bake.mesh(), bake.receivers()),
             Shown::Light | Shown::Error => true,
         };
         Self {
@@ -184,10 +184,10 @@ impl State {
             sub_frames: 1,
             divisor: 1,
             materials: material_names(loaded, bake),
-            albedo: vec![None; bake.scene.materials.len()],
-            own_albedo: bake.scene.materials.iter().map(own_albedo).collect(),
+            albedo: vec![None; bake.scene().materials.len()],
+            own_albedo: bake.scene().materials.iter().map(own_albedo).collect(),
             object: Object::new(OBJECT_RADIUS * metres),
-            has_probes: bake.settings.receivers == ReceiverKind::Mesh,
+            has_probes: bake.settings().receivers == ReceiverKind::Mesh,
             selected: None,
             distance: 0.25 * metres,
             requests: Vec::new(),
@@ -266,5 +266,5 @@ fn own_albedo(material: &Material) -> Option<Vec3> {
 /// Names of the materials; numbers where the scene has none.
 fn material_names(loaded: &LoadedScene, bake: &Bake) -> Vec<String> {
     let name = |k: usize| loaded.materials.get(k).filter(|name| !name.is_empty()).cloned();
-    (0..bake.scene.materials.len()).map(|k| name(k).unwrap_or_else(|| format!("material {k}"))).collect()
+    (0..bake.scene().materials.len()).map(|k| name(k).unwrap_or_else(|| format!("material {k}"))).collect()
 }

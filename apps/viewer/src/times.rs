@@ -102,7 +102,7 @@ impl Times {
 
 impl Rate {
     /// The limit of the rate, in a line.
-    pub fn in_words(&self) -> String {
+    pub fn summary(&self) -> String {
         let Self { frames, per_second, means, longest } = self;
         let total: f64 = means.iter().sum();
         let part = |name: &str, ms: f64| format!("{name} {ms:.1} ms ({:.0} %)", 100.0 * ms / total);
@@ -121,7 +121,7 @@ mod tests {
 
     #[test]
     fn shares_of_a_frame_add_up_to_its_time() {
-        let pass = |name: &str, milliseconds| PassTime { name: name.into(), milliseconds };
+        let pass = |name: &str, milliseconds| PassTime::of_host(name, milliseconds);
         let passes = vec![pass("direct", 2.0), pass("shade", 5.0), pass("method", 1.0), pass("shade", 3.0)];
         let frame = FrameTimes::new(passes, 20.0);
         assert_eq!((frame.update(), frame.shading(), frame.presenting()), (3.0, 8.0, 9.0));
@@ -133,7 +133,7 @@ mod tests {
         let rate = times.rate().unwrap();
         assert_eq!((rate.frames, times.last().len()), (KEPT as u32 + 10, KEPT));
         assert!((rate.per_second - 50.0).abs() < 1e-9);
-        let words = rate.in_words();
+        let words = rate.summary();
         assert!(words.contains("50.0 a second") && words.contains("shading 8.0 ms (40 %)"), "{words}");
     }
 }

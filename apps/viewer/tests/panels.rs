@@ -95,10 +95,11 @@ fn a_method_without_its_operator_cannot_be_chosen() {
         harness.drop_at(place);
         harness.run_steps(2);
     };
-    click(&mut harness, "tiles");
+    click(&mut harness, "low_rank");
     assert_eq!(harness.state().methods.chosen().name, "classic", "grey");
-    let why = harness.state().methods.choices().iter().find(|choice| choice.name == "tiles").unwrap().why_not.clone();
-    assert!(why.unwrap().contains("--for tiles"));
+    let why =
+        harness.state().methods.choices().iter().find(|choice| choice.name == "low_rank").unwrap().why_not.clone();
+    assert!(why.unwrap().contains("--for low_rank"));
     click(&mut harness, "temporal");
     assert_eq!(harness.state().methods.chosen().name, "temporal");
     assert!(harness.state_mut().methods.choose("feedback").unwrap_err().contains("--for feedback"));

@@ -137,10 +137,10 @@ fn write(folder: &Path, script: &str) -> String {
 fn picture(bake: &str, method: MethodSettings, size: (u32, u32), change: impl Fn(&mut Lighting)) -> Vec<u8> {
     let opened = Bake::open(bake.as_ref()).unwrap();
     let description = std::str::from_utf8(&opened.origin.application).unwrap().to_owned();
-    let loaded = assets::LoadedScene::of_description(opened.bake.scene.clone(), &description).unwrap();
+    let loaded = assets::LoadedScene::of_description(opened.bake.scene().clone(), &description).unwrap();
     let light = LightSettings::default().with_method(method);
     let pictures = PictureSettings::default().with_size(size).with_sub_frames(1);
-    let mut lighting = opened.bake.scene.lighting.clone();
+    let mut lighting = opened.bake.scene().lighting.clone();
     change(&mut lighting);
     let mut renderer =
         PictureRenderer::of_bake(Arc::new(opened.bake), Box::new(Cpu::new()), &light, &pictures, &Silent).unwrap();
@@ -340,9 +340,9 @@ fn the_window_shows_the_albedo_that_a_material_is_given() {
     let blue = |bytes: &[u8]| bytes.chunks_exact(3).filter(|pixel| pixel[2] > pixel[0].saturating_add(20)).count();
     assert!(blue(&shot("blue.png")) > blue(&shot("own.png")) + 3000, "{}", blue(&shot("blue.png")));
     assert_eq!(difference(&shot("again.png"), &shot("own.png")).1, 0);
-    let script = write(folder.path(), "method tiles\nalbedo white 0.5 0.5 0.5\nquit");
+    let script = write(folder.path(), "method low_rank\nalbedo white 0.5 0.5 0.5\nquit");
     let message = display.fails(&[&bake, "--size", "64x48", "--device", "cpu", "--script", &script]);
-    assert!(message.contains("line 2") && message.contains("tiles") && message.contains("feedback"), "{message}");
+    assert!(message.contains("line 2") && message.contains("low_rank") && message.contains("feedback"), "{message}");
 }
 
 #[test]

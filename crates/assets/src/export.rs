@@ -13,12 +13,11 @@ use glam::{Vec2, Vec3};
 use image::codecs::openexr::OpenExrEncoder;
 use image::codecs::png::PngEncoder;
 use image::{DynamicImage, ImageFormat};
+use scene::gpu::{LIGHT_DIRECTIONAL, LIGHT_LUMINAIRE, LIGHT_POINT, LIGHT_SPOT, Texture, Triangle};
 use scene::kernel::shade::encode_srgb;
 use scene::kernel::texture::texel;
 use scene::math::luminance;
-use scene::{
-    LIGHT_DIRECTIONAL, LIGHT_LUMINAIRE, LIGHT_POINT, LIGHT_SPOT, LUMENS_PER_WATT, Light, NONE, Texture, Triangle,
-};
+use scene::{LUMENS_PER_WATT, Light, NONE};
 
 use crate::import::{Animation, ImportError, LoadedScene, Target};
 
@@ -79,15 +78,15 @@ impl SceneFiles {
     }
 
     /// Writes them into the folder, which is made when needed. Each file goes through a temporary one that is renamed.
-    /// Returns the path of the scene file, or nothing where `go_on` said no: then the file under way is not there.
+    /// Returns the path of the scene file, or nothing where `ignore_progress` said no: then the file under way is not there.
     ///
     /// # Errors
     /// [`ImportError::Write`] names the file.
-    pub fn write(&self, go_on: &dyn Fn() -> bool) -> Result<Option<&Path>, ImportError> {
+    pub fn write(&self, ignore_progress: &dyn Fn() -> bool) -> Result<Option<&Path>, ImportError> {
         let failed = |source| ImportError::Write { path: self.folder.clone(), source };
         std::fs::create_dir_all(&self.folder).map_err(failed)?;
         for (path, bytes) in &self.files {
-            if !write_file(path, bytes, go_on)? {
+            if !write_file(path, bytes, ignore_progress)? {
                 return Ok(None);
             }
         }
@@ -96,7 +95,7 @@ impl SceneFiles {
 }
 
 /// Writes a file beside its place and renames it, so that nobody sees half of it; whether it was written.
-fn write_file(path: &Path, bytes: &[u8], go_on: &dyn Fn() -> bool) -> Result<bool, ImportError> {
+fn write_file(path: &Path, bytes: &[u8], ignore_progress: &dyn Fn() -> bool) -> Result<bool, ImportError> {
     let failed = |source| ImportError::Write { path: path.to_path_buf(), source };
     let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
     let mut builder = tempfile::Builder::new();
@@ -106,7 +105,7 @@ fn write_file(path: &Path, bytes: &[u8], go_on: &dyn Fn() -> bool) -> Result<boo
     builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
     let mut part = builder.tempfile_in(folder).map_err(failed)?;
     for piece in bytes.chunks(WRITTEN_AT_ONCE) {
-        if !go_on() {
+        if !ignore_progress() {
             return Ok(false);
         }
         part.write_all(piece).map_err(failed)?;

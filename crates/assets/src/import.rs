@@ -82,9 +82,9 @@ pub struct LoadedScene {
     pub exposure_stops: f32,
     /// Length of the file's unit, m.
     pub metres_per_unit: f32,
-    /// Names of objects, by [`scene::Triangle::object`].
+    /// Names of objects, by [`scene::gpu::Triangle::object`].
     pub objects: Vec<String>,
-    /// Names of materials, by [`scene::Triangle::material`].
+    /// Names of materials, by [`scene::gpu::Triangle::material`].
     pub materials: Vec<String>,
     /// Names of textures, in the order of [`scene::Geometry::textures`].
     pub textures: Vec<String>,

@@ -6,7 +6,8 @@ use glam::Vec3;
 use patchlight_firstshot::{
     Emission, IlluminationMaps, LightElementSettings, PhotonAccumulator, PhotonSettings, Texels, Tracer,
 };
-use scene::{LIGHT_POINT, Light, Material, Scene, SceneParts, Triangle, TriangleUv};
+use scene::gpu::{LIGHT_POINT, Triangle, TriangleUv};
+use scene::{Light, Material, Scene, SceneParts};
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     // A cube of 2 m, fronts inside.
@@ -34,8 +35,9 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         lights: vec![lamp],
         ..SceneParts::default()
     })?;
-    let go_on = |_, _| ControlFlow::Continue(());
-    let emission = Emission::first_shot(&scene, &LightElementSettings::default(), Texels::Mean, true, &go_on)?;
+    let ignore_progress = |_, _| ControlFlow::Continue(());
+    let emission =
+        Emission::first_shot(&scene, &LightElementSettings::default(), Texels::Mean, true, &ignore_progress)?;
     let maps = IlluminationMaps::new(&scene, 0.5)?;
     let mut tracer = Tracer::new(&scene, &emission, &maps, PhotonSettings { error: 0.02, ..Default::default() })?;
     tracer.run(&|_| ControlFlow::Continue(()));

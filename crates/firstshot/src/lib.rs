@@ -55,7 +55,8 @@
 //!
 //! use patchlight_firstshot::{Emission, IlluminationMaps, PhotonSettings, LightElementSettings, Texels, Tracer};
 //! use glam::Vec3;
-//! use patchlight_scene::{LIGHT_POINT, Light, Material, Scene, SceneParts, Triangle, TriangleUv};
+//! use patchlight_scene::{Light, Material, Scene, SceneParts};
+//! use patchlight_scene::gpu::{LIGHT_POINT, Triangle, TriangleUv};
 //!
 //! // A lamp between two plates.
 //! let plate = |y: f32, edge_a: Vec3, edge_b: Vec3| Triangle { corner: Vec3::Y * y, edge_a, edge_b, ..Triangle::default() };
@@ -66,8 +67,8 @@
 //!     lights: vec![Light { kind: LIGHT_POINT, position: Vec3::new(0.2, 0.5, 0.2), color: Vec3::ONE, ..Light::default() }],
 //!     ..SceneParts::default()
 //! })?;
-//! let go_on = |_, _| ControlFlow::Continue(());
-//! let emission = Emission::first_shot(&scene, &LightElementSettings::default(), Texels::Mean, true, &go_on)?;
+//! let ignore_progress = |_, _| ControlFlow::Continue(());
+//! let emission = Emission::first_shot(&scene, &LightElementSettings::default(), Texels::Mean, true, &ignore_progress)?;
 //! let maps = IlluminationMaps::new(&scene, 0.5)?;
 //! let mut tracer = Tracer::new(&scene, &emission, &maps, PhotonSettings { error: 0.1, ..Default::default() })?;
 //! tracer.run(&|_| ControlFlow::Continue(()));

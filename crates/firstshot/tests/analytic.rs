@@ -8,8 +8,9 @@ use glam::{DVec3, Vec2, Vec3};
 use patchlight_firstshot::{
     Emission, IlluminationMaps, LightElementSettings, PhotonAccumulator, PhotonSettings, Texels, light_elements,
 };
+use scene::gpu::{LIGHT_DIRECTIONAL, LIGHT_RECT, LIGHT_SPOT, Texture, TriangleUv};
 use scene::math::luminance;
-use scene::{LIGHT_DIRECTIONAL, LIGHT_RECT, LIGHT_SPOT, Light, Material, Scene, SceneParts, Texture, TriangleUv};
+use scene::{Light, Material, Scene, SceneParts};
 use support::*;
 
 /// Solid angle of a square of half edge a at height h over its middle.
@@ -25,7 +26,7 @@ fn a_point_light_over_a_plate_gives_its_solid_angle() {
         for exact in [false, true] {
             // Light elements are linear within a percent, so is their sum.
             let settings = LightElementSettings { tolerance: 0.01, ..LightElementSettings::default() };
-            let emission = Emission::first_shot(&scene, &settings, Texels::Mean, exact, &go_on).unwrap();
+            let emission = Emission::first_shot(&scene, &settings, Texels::Mean, exact, &ignore_progress).unwrap();
             assert!((emission.power / expected - 1.0).abs() < 0.01, "{height}: {} for {expected}", emission.power);
             let maps = IlluminationMaps::new(&scene, 10.0).unwrap();
             let found = trace(&scene, &emission, &maps, photons(1 << 18));
@@ -74,7 +75,7 @@ fn parallel_light_and_spots_have_their_power() {
 #[test]
 fn light_elements_have_the_light_of_the_lamp_and_cover_the_plate() {
     let scene = plate(0.5, vec![bulb(Vec3::new(0.3, 0.5, 0.2))]);
-    let elements = light_elements(&scene, &LightElementSettings::default(), &go_on).unwrap().elements;
+    let elements = light_elements(&scene, &LightElementSettings::default(), &ignore_progress).unwrap().elements;
     let area: f32 = elements.iter().map(|p| p.area).sum();
     assert!((area - 4.0).abs() < 1e-4, "{area}");
     for p in &elements {
@@ -95,7 +96,7 @@ fn edges_of_shadows_are_refined() {
     let settings = LightElementSettings::default();
     let on_plate = |settings: &LightElementSettings| -> f64 {
         let geometry = scene.tables();
-        let elements = light_elements(&scene, settings, &go_on).unwrap().elements;
+        let elements = light_elements(&scene, settings, &ignore_progress).unwrap().elements;
         let on_plate = elements.iter().filter(|p| geometry.position(p.triangle, 0.2, 0.2).y == 0.0);
         on_plate.map(|p| f64::from(p.mean() * p.area)).sum()
     };

@@ -70,7 +70,7 @@ fn a_lamp_in_a_medium_lights_a_plate_by_its_closed_form() {
     // The table of light elements holds the luminance of the same, times the albedo.
     for exact in [false, true] {
         let settings = LightElementSettings { tolerance: 0.01, ..LightElementSettings::default() };
-        let emission = Emission::first_shot(&scene, &settings, Texels::Mean, exact, &go_on).unwrap();
+        let emission = Emission::first_shot(&scene, &settings, Texels::Mean, exact, &ignore_progress).unwrap();
         let power = 0.5 * f64::from(luminance(expected));
         assert!((emission.power / power - 1.0).abs() < 0.02, "{exact}: {} for {power}", emission.power);
     }
@@ -90,7 +90,7 @@ fn all_ways_to_shoot_agree_in_a_medium() {
         assert!(sigma < 1.25 && all.abs() < 0.01, "{:?}: {sigma} {all}", light.kind);
         // The table alone is off by its own error.
         let table = LightElementSettings { tolerance: 0.01, ..LightElementSettings::table_alone() };
-        let emission = Emission::first_shot(&scene, &table, Texels::Mean, false, &go_on).unwrap();
+        let emission = Emission::first_shot(&scene, &table, Texels::Mean, false, &ignore_progress).unwrap();
         let by_table = deviation(&maps, &trace(&scene, &emission, &maps, settings), &classical).1;
         assert!(by_table.abs() < 0.03, "{:?}: {by_table}", light.kind);
         // Air in its place is noticed.

@@ -9,7 +9,8 @@ use patchlight_firstshot::{
     Cubic, Emission, IlluminationMaps, LightElement, LightElementSettings, PhotonSettings, Sequences, Subdivision,
     Texels, Tracer, corner_light, light_elements,
 };
-use scene::{LIGHT_DIRECTIONAL, Light, Scene, Triangle};
+use scene::gpu::{LIGHT_DIRECTIONAL, Triangle};
+use scene::{Light, Scene};
 use support::*;
 
 /// Light elements after one split of a triangle as Kopylov prints it, B and C at ±1 m of the corner A's height `apex`
@@ -23,7 +24,7 @@ fn split_once(apex: f32, along: f32) -> (Scene, Vec<LightElement>) {
     let scene = scene(vec![triangle], vec![grey(0.5)], vec![lamp]);
     let settings =
         LightElementSettings { subdivision: Subdivision::Kopylov, depth: 1, ..LightElementSettings::default() };
-    let elements = light_elements(&scene, &settings, &go_on).unwrap().elements;
+    let elements = light_elements(&scene, &settings, &ignore_progress).unwrap().elements;
     (scene, elements)
 }
 
@@ -57,7 +58,7 @@ fn the_printed_subdivision_makes_three_two_or_four() {
 #[test]
 fn the_printed_subdivision_has_the_light_of_a_lamp_and_leaves_even_light_whole() {
     let scene = plate(0.5, vec![bulb(Vec3::new(0.3, 0.5, 0.2))]);
-    let of = |settings: LightElementSettings| light_elements(&scene, &settings, &go_on).unwrap();
+    let of = |settings: LightElementSettings| light_elements(&scene, &settings, &ignore_progress).unwrap();
     let light = |elements: &[LightElement]| elements.iter().map(|e| f64::from(e.mean() * e.area)).sum::<f64>();
     let with = |tolerance: f32| LightElementSettings { tolerance, ..LightElementSettings::default() };
     let truth = light(&of(with(0.001)).elements);
@@ -79,7 +80,7 @@ fn the_printed_subdivision_has_the_light_of_a_lamp_and_leaves_even_light_whole()
     assert!((light(&coarse.elements) / truth - 1.0).abs() > 0.03, "one split is not enough");
     let sun = Light { kind: LIGHT_DIRECTIONAL, direction: Vec3::NEG_Y, color: COLOR, ..Light::default() };
     let even = plate(0.5, vec![sun]);
-    let whole = light_elements(&even, &LightElementSettings::default().as_printed(), &go_on).unwrap();
+    let whole = light_elements(&even, &LightElementSettings::default().as_printed(), &ignore_progress).unwrap();
     // Three corners and the middle of each triangle.
     assert_eq!((whole.elements.len(), whole.shadow_rays), (2, 8));
 }
@@ -137,7 +138,7 @@ fn all_that_is_printed_finds_the_light_with_about_as_many_photons() {
     let truth = trace(&scene, &first_shot(&scene), &maps, PhotonSettings { seed: 9, ..photons(1 << 21) });
     let mut counts = Vec::new();
     for (name, elements, texels, is_exact, cubic, sequences) in ways {
-        let emission = Emission::first_shot(&scene, &elements, texels, is_exact, &go_on).unwrap();
+        let emission = Emission::first_shot(&scene, &elements, texels, is_exact, &ignore_progress).unwrap();
         let settings = PhotonSettings { error: 0.02, batches: 16, cubic, sequences, ..PhotonSettings::default() };
         let mut tracer = Tracer::new(&scene, &emission, &maps, settings).unwrap();
         tracer.run(&|_| ControlFlow::Continue(()));

@@ -9,7 +9,8 @@ use patchlight_firstshot::{
     Emission, Error, IlluminationMaps, LightElementSettings, MAX_PHOTONS, PhotonAccumulator, PhotonHit, PhotonScene,
     PhotonSettings, Sequences, Subdivision, Texels, Tracer, light_elements, trace_photons,
 };
-use scene::{Light, Scene, Triangle};
+use scene::gpu::Triangle;
+use scene::{Light, Scene};
 use support::*;
 
 #[test]
@@ -22,7 +23,7 @@ fn first_shot_and_classical_photons_agree_for_every_light() {
         let ours = LightElementSettings::default();
         let ways = [(Texels::Mean, ours), (Texels::Bound, ours), (Texels::Bound, ours.as_printed())];
         for (texels, elements) in ways {
-            let emission = Emission::first_shot(&scene, &elements, texels, true, &go_on).unwrap();
+            let emission = Emission::first_shot(&scene, &elements, texels, true, &ignore_progress).unwrap();
             let found = trace(&scene, &emission, &maps, settings);
             let (sigma, all) = deviation(&maps, &found, &classical);
             // Errors from 16 batches make the deviation a little more than 1: t with 30 degrees of freedom.
@@ -52,7 +53,7 @@ fn the_table_alone_is_wrong_where_shadow_rays_are_right() {
     let maps = IlluminationMaps::new(&scene, 0.25).unwrap();
     let coarse = LightElementSettings { depth: 1, longest: 10.0, ..LightElementSettings::default() };
     let run = |exact| {
-        let emission = Emission::first_shot(&scene, &coarse, Texels::Mean, exact, &go_on).unwrap();
+        let emission = Emission::first_shot(&scene, &coarse, Texels::Mean, exact, &ignore_progress).unwrap();
         trace(&scene, &emission, &maps, settings)
     };
     let truth = trace(&scene, &first_shot(&scene), &maps, settings);
@@ -296,7 +297,7 @@ fn bad_settings_are_refused() {
     let scene = room_with_a_window(lights());
     let maps = IlluminationMaps::new(&scene, 1.0).unwrap();
     let setting = |name: &'static str| move |e: &Error| matches!(e, Error::Setting { name: n, .. } if *n == name);
-    let refused = |settings: LightElementSettings| light_elements(&scene, &settings, &go_on).unwrap_err();
+    let refused = |settings: LightElementSettings| light_elements(&scene, &settings, &ignore_progress).unwrap_err();
     assert!(setting("tolerance")(&refused(LightElementSettings { tolerance: 0.0, ..LightElementSettings::default() })));
     assert!(setting("longest")(&refused(LightElementSettings {
         longest: f32::NAN,

@@ -6,7 +6,8 @@ use std::f32::consts::PI;
 
 use glam::Vec3;
 use patchlight_firstshot::{Emission, Estimate, IlluminationMaps, PhotonAccumulator, PhotonSettings};
-use scene::{LIGHT_DIRECTIONAL, Light, Material, Scene, Triangle};
+use scene::gpu::{LIGHT_DIRECTIONAL, Triangle};
+use scene::{Light, Material, Scene};
 use support::*;
 
 /// Refractive index of glass.

@@ -6,7 +6,8 @@ use std::ops::ControlFlow;
 use glam::{Vec3, Vec4};
 use patches::{PatchSize, SubdivideSettings, subdivide};
 use patchlight_formfactor::{Contour, Polygon, Stop, form_factors, jacobi};
-use scene::{Material, Scene, SceneParts, SidePolicy, Triangle, TriangleUv};
+use scene::gpu::{Triangle, TriangleUv};
+use scene::{Material, Scene, SceneParts, SidePolicy};
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let half = |corner: Vec3, edge_a: Vec3, edge_b: Vec3| Triangle { corner, edge_a, edge_b, ..Triangle::default() };

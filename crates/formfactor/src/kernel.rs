@@ -2,5 +2,3 @@
 
 pub mod hemisphere;
 pub mod product;
-
-pub use transport::kernel::{grid, hits, view};

@@ -6,7 +6,8 @@ use std::path::Path;
 
 use glam::{Quat, Vec3};
 use patchlight_formfactor::{AreaToArea, Contour, Estimator, Hemisphere, Patch, Polygon, Surfaces, form_factors};
-use scene::{Material, Scene, SceneParts, SurfacePoint, Triangle, TriangleUv};
+use scene::gpu::{Triangle, TriangleUv};
+use scene::{Material, Scene, SceneParts, SurfacePoint};
 
 /// The receiver of a case.
 enum From {

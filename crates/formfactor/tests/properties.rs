@@ -9,8 +9,9 @@ use patches::{
 };
 use patchlight_formfactor::*;
 use proptest::prelude::*;
+use scene::gpu::{Triangle, TriangleUv};
 use scene::sampling::{hash3, unit};
-use scene::{Material, Scene, SceneParts, SidePolicy, SurfacePoint, Triangle, TriangleUv, find_sides};
+use scene::{Material, Scene, SceneParts, SidePolicy, SurfacePoint, find_sides};
 use transport::LinearOperator as _;
 
 /// The inside of a box, scaled, turned and moved, with a lid or without, and a tilted sheet in it that both sides see.

@@ -6,8 +6,9 @@ use patchlight_formfactor::kernel::hemisphere::hemisphere_ray;
 use patchlight_formfactor::{
     Error, HemisphereParams, add_hit_rows, add_quadrant_rows, add_traced_rows, gather_by_rays, sparse_rows,
 };
+use scene::gpu::{Triangle, TriangleUv};
 use scene::sampling::{hash3, unit};
-use scene::{Material, SKY_BINS, Scene, SceneParts, SurfacePoint, Triangle, TriangleUv, sky_bin};
+use scene::{Material, SKY_BINS, Scene, SceneParts, SurfacePoint, sky_bin};
 use transport::{Csr, HitCounts, LinearOperator, Proceed, QUADRANTS, Surfaces, rotational_gradients};
 
 /// A box with an open lid, fronts inside.

@@ -4,7 +4,7 @@
 //! kernels! {
 //!     /// Exitance of every patch after a bounce, W/m²: [`product::bounce`]. One invocation
 //!     /// per patch.
-//!     FORMFACTOR_BOUNCE = "formfactor_bounce"(p: CountParams) for k in 0..count {
+//!     TRANSPORT_BOUNCE: BouncePass = "transport_bounce"(p: CountParams) for k in 0..count {
 //!         source: read [Rgb; count],
 //!         albedo: read [Rgb; count],
 //!         irradiance: read [Rgb; count],
@@ -16,20 +16,21 @@
 //! }
 //! ```
 //!
-//! From this follow the entry point `FORMFACTOR_BOUNCE::entry`, the row `FORMFACTOR_BOUNCE` of the
-//! table, its place in [`KERNELS`](crate::table::KERNELS), the host form, and what the tests of
-//! layout, order and parity go by.
+//! From this follow the entry point `TRANSPORT_BOUNCE::entry`, the row `TRANSPORT_BOUNCE` of the
+//! table, its place in [`KERNELS`](crate::table::KERNELS), the host form, the structure
+//! `BouncePass` of what a pass binds ([`pass`](crate::pass)), and what the tests of layout, order
+//! and parity go by.
 //!
 //! # Grammar
 //!
 //! The head:
 //!
-//! - `NAME = "name"`: the name of the row, and the same in small letters, which names the module
-//!   and its entry point;
+//! - `NAME: Pass = "name"`: the name of the row, the type of its passes, and the row's name in small
+//!   letters, which names the module and its entry point;
 //! - `(p: P)`: push constants, `p` is a `&P`;
-//! - `for k in 0..count`: one invocation for each element. `count` is the field of `P` that holds
-//!   their number; `0..rows * rays` if it is a product of two fields;
-//! - `for group of N in 0..count, lane`: workgroups that take `N` elements each. `group` is the
+//! - `for k in 0..count`: invocation `k` of as many as the field `count` of `P` says; `0..rows * rays`
+//!   if their number is a product of two fields;
+//! - `for group of N in 0..count, lane`: workgroups that take `N` of `count` each. `group` is the
 //!   number of the workgroup, `lane` that of the invocation in it;
 //! - `, shared: [T; LENGTH]` after `lane`: memory that a workgroup shares.
 //!
@@ -52,7 +53,7 @@
 //!   values where there are two such buffers;
 //! - `each { value } host path;`: the same, with a host form that is faster than a loop;
 //! - `invocation { statements } host path;`: it writes by itself, and not just element `k`. The
-//!   statements run where `k` is below the number of elements;
+//!   statements run where `k` is below their number;
 //! - `workgroup { statements } host path;`: the statements run in all invocations of all
 //!   workgroups, for barriers need all of them.
 //!
@@ -69,14 +70,14 @@ macro_rules! kernels {
     };
     (@list [$($done:ident)*]
         $(#[$meta:meta])*
-        $NAME:ident = $name:tt ($p:ident: $P:ty)
+        $NAME:ident: $Pass:ident = $name:tt ($p:ident: $P:ty)
         for $k:ident in 0..$count:ident $(* $times:ident)? {
             $($bindings:tt)*
         } each { $($body:tt)* } host $host:path; $($rest:tt)*
     ) => {
         $crate::kernel! {
             @start [
-                [$(#[$meta])*] $NAME $name [$p $P] [$k [$count $($times)?]]
+                [$(#[$meta])*] $NAME $Pass $name [$p $P] [$k [$count $($times)?]]
                 [each [$($body)*] [$host]] [callable]
             ]
             [$($bindings)*]
@@ -85,14 +86,14 @@ macro_rules! kernels {
     };
     (@list [$($done:ident)*]
         $(#[$meta:meta])*
-        $NAME:ident = $name:tt ($p:ident: $P:ty)
+        $NAME:ident: $Pass:ident = $name:tt ($p:ident: $P:ty)
         for $k:ident in 0..$count:ident $(* $times:ident)? {
             $($bindings:tt)*
         } each { $($body:tt)* } $($rest:tt)*
     ) => {
         $crate::kernel! {
             @start [
-                [$(#[$meta])*] $NAME $name [$p $P] [$k [$count $($times)?]]
+                [$(#[$meta])*] $NAME $Pass $name [$p $P] [$k [$count $($times)?]]
                 [each [$($body)*] []] [callable]
             ]
             [$($bindings)*]
@@ -101,14 +102,14 @@ macro_rules! kernels {
     };
     (@list [$($done:ident)*]
         $(#[$meta:meta])*
-        $NAME:ident = $name:tt ($p:ident: $P:ty)
+        $NAME:ident: $Pass:ident = $name:tt ($p:ident: $P:ty)
         for $k:ident in 0..$count:ident $(* $times:ident)? {
             $($bindings:tt)*
         } invocation { $($body:tt)* } host $host:path; $($rest:tt)*
     ) => {
         $crate::kernel! {
             @start [
-                [$(#[$meta])*] $NAME $name [$p $P] [$k [$count $($times)?]]
+                [$(#[$meta])*] $NAME $Pass $name [$p $P] [$k [$count $($times)?]]
                 [invocation [$($body)*] [$host]] [callable]
             ]
             [$($bindings)*]
@@ -117,13 +118,13 @@ macro_rules! kernels {
     };
     (@list [$($done:ident)*]
         $(#[$meta:meta])*
-        $NAME:ident = $name:tt ($p:ident: $P:ty)
+        $NAME:ident: $Pass:ident = $name:tt ($p:ident: $P:ty)
         for $group:ident of $per:tt in 0..$count:ident, $lane:ident {
             $($bindings:tt)*
         } workgroup { $($body:tt)* } host $host:path; $($rest:tt)*
     ) => {
         $crate::kernel! {
-            @start [[$(#[$meta])*] $NAME $name [$p $P] [$group $per [$count] $lane []]
+            @start [[$(#[$meta])*] $NAME $Pass $name [$p $P] [$group $per [$count] $lane []]
                 [workgroup [$($body)*] [$host]] [callable]]
             [$($bindings)*]
         }
@@ -131,14 +132,14 @@ macro_rules! kernels {
     };
     (@list [$($done:ident)*]
         $(#[$meta:meta])*
-        $NAME:ident = $name:tt ($p:ident: $P:ty)
+        $NAME:ident: $Pass:ident = $name:tt ($p:ident: $P:ty)
         for $group:ident of $per:tt in 0..$count:ident, $lane:ident,
         $shared:ident: [$S:ty; $length:literal] {
             $($bindings:tt)*
         } workgroup { $($body:tt)* } host $host:path; $($rest:tt)*
     ) => {
         $crate::kernel! {
-            @start [[$(#[$meta])*] $NAME $name [$p $P] [
+            @start [[$(#[$meta])*] $NAME $Pass $name [$p $P] [
                 $group $per [$count] $lane [#[spirv(workgroup)] $shared: &mut [$S; $length]]
             ] [workgroup [$($body)*] [$host]] [device_only]]
             [$($bindings)*]
@@ -161,9 +162,11 @@ macro_rules! kernels {
 #[doc(hidden)]
 #[macro_export]
 macro_rules! kernel {
-    (@start [$meta:tt $NAME:ident $name:tt $push:tt $shape:tt $body:tt $callable:tt]
+    (@start [$meta:tt $NAME:ident $Pass:ident $name:tt $push:tt $shape:tt $body:tt $callable:tt]
         $bindings:tt
     ) => {
+        #[cfg(feature = "std")]
+        $crate::typed_pass!(@fields [$meta $NAME $Pass $push] $bindings [] []);
         $crate::kernel! {
             @bind [$meta $NAME $name $push $shape $body] $callable
             [0 1 2 3 4 5 6 7 8 9 10 11 12 13 14 15] $bindings
@@ -176,10 +179,10 @@ macro_rules! kernel {
         $crate::kernel! {
             @bind $head $callable $numbers [
                 nodes: hierarchy,
-                triangles: read [$crate::scene_types::Triangle; 1],
-                uvs: read [$crate::scene_types::TriangleUv; 1],
+                triangles: read [$crate::scene_types::gpu::Triangle; 1],
+                uvs: read [$crate::scene_types::gpu::TriangleUv; 1],
                 materials: read [$crate::scene_types::Material; 1],
-                textures: read [$crate::scene_types::Texture],
+                textures: read [$crate::scene_types::gpu::Texture],
                 texels: read [u32],
                 $($rest)*
             ] $params $rows $names $reads $writes $arguments [
@@ -201,7 +204,7 @@ macro_rules! kernel {
         $crate::kernel! {
             @bind $head $callable $numbers [
                 lights: read [$crate::scene_types::Light],
-                emitters: read [$crate::scene_types::Emitter],
+                emitters: read [$crate::scene_types::gpu::Emitter],
                 sky: read [$crate::scene_types::Sky; 1],
                 sky_map: read [$crate::scene_types::Rgb],
                 distributions: read [f32],
@@ -222,16 +225,16 @@ macro_rules! kernel {
             [
                 $($params)*
                 #[spirv(storage_buffer, descriptor_set = 0, binding = $number)]
-                $b: &[$crate::scene_types::BvhNode],
+                $b: &[$crate::scene_types::gpu::BvhNode],
             ]
             [
                 $($rows)*
-                $crate::table::buffer::<$crate::scene_types::BvhNode>(stringify!($b), $crate::table::Access::Read),
+                $crate::table::buffer::<$crate::scene_types::gpu::BvhNode>(stringify!($b), $crate::table::Access::Read),
             ]
             [$($names)* $b,]
             [$($reads)* let $b = $b.hierarchy()?;]
             $writes
-            [$($arguments)* $b.read::<$crate::scene_types::BvhNode>(0)?,]
+            [$($arguments)* $b.read::<$crate::scene_types::gpu::BvhNode>(0)?,]
             $made
         }
     };
@@ -357,7 +360,7 @@ macro_rules! kernel {
                 &MODULE.0
             },
             workgroup: $crate::invocation::WORKGROUP,
-            elements_per_group: $per,
+            per_group: $per,
             push_bytes: size_of::<$P>() as u32,
             counts: &[$(core::mem::offset_of!($P, $count)),*],
             bindings: &[$($rows)*],
@@ -383,7 +386,7 @@ macro_rules! kernel {
             #[spirv(push_constant)] $p: &$P,
             $($params)*
         ) {
-            let $k = $crate::invocation::element(id, groups);
+            let $k = $crate::invocation::index(id, groups);
             if $k < $p.$count $(* $p.$times)* {
                 $(let $old = $b[$k as usize];)?
                 $($made)*
@@ -403,7 +406,7 @@ macro_rules! kernel {
             #[spirv(push_constant)] $p: &$P,
             $($params)*
         ) {
-            let $k = $crate::invocation::element(id, groups);
+            let $k = $crate::invocation::index(id, groups);
             if $k < $p.$count $(* $p.$times)* {
                 $(let $old_a = $a[$k as usize];)?
                 $(let $old_b = $b[$k as usize];)?
@@ -426,7 +429,7 @@ macro_rules! kernel {
             #[spirv(push_constant)] $p: &$P,
             $($params)*
         ) {
-            let $k = $crate::invocation::element(id, groups);
+            let $k = $crate::invocation::index(id, groups);
             if $k < $p.$count $(* $p.$times)* {
                 $($made)*
                 $($body)*
@@ -461,13 +464,13 @@ macro_rules! kernel {
             kernel: &$crate::table::Kernel,
             call: &mut $crate::host::HostCall,
         ) -> Result<(), $crate::host::HostError> {
-            let elements = call.elements as usize;
+            let invocations = call.invocations as usize;
             let ($p, [$($names)*]) = call.parts::<$P, _>(kernel)?;
             let $p = &$p;
             $(let $count = $p.$count as usize;)*
             $($reads)*
             $($made)*
-            $crate::host::each($b.write::<$T>(elements)?, |$k, element| {
+            $crate::host::each($b.write::<$T>(invocations)?, |$k, element| {
                 $(let $old = *element;)?
                 *element = { $($body)* };
             });
@@ -483,14 +486,14 @@ macro_rules! kernel {
             kernel: &$crate::table::Kernel,
             call: &mut $crate::host::HostCall,
         ) -> Result<(), $crate::host::HostError> {
-            let elements = call.elements as usize;
+            let invocations = call.invocations as usize;
             let ($p, [$($names)*]) = call.parts::<$P, _>(kernel)?;
             let $p = &$p;
             $(let $count = $p.$count as usize;)*
             $($reads)*
             $($made)*
-            let $a = $a.write::<$A>(elements)?;
-            let $b = $b.write::<$B>(elements)?;
+            let $a = $a.write::<$A>(invocations)?;
+            let $b = $b.write::<$B>(invocations)?;
             $crate::host::each_pair($a, $b, |$k, element_a, element_b| {
                 $(let $old_a = *element_a;)?
                 $(let $old_b = *element_b;)?

@@ -12,7 +12,7 @@ kernels! {
     /// Every photon from its start to its last segment, each of its hits added to the flux of a cell
     /// and to the luminance of a group: [`start::start_photon`], [`segment::photon_hit`],
     /// [`register::registration`], [`segment::reflect`]. One invocation per photon.
-    FIRSTSHOT_TRACE = "firstshot_trace"(p: PhotonParams) for k in 0..count {
+    FIRSTSHOT_TRACE: TracePass = "firstshot_trace"(p: PhotonParams) for k in 0..count {
         alias: read [AliasEntry; p.element_count as usize],
         elements: read [Element; p.element_count as usize],
         geometry: GeometryTables,
@@ -54,7 +54,7 @@ kernels! {
 
     /// Irradiance of every element from the flux of its cells, W/m²: [`judge::element_irradiance`].
     /// One invocation per element.
-    FIRSTSHOT_RESOLVE = "firstshot_resolve"(p: ResolveParams) for k in 0..count {
+    FIRSTSHOT_RESOLVE: ResolvePass = "firstshot_resolve"(p: ResolveParams) for k in 0..count {
         flux: read [u32],
         cell_start: read [u32; count + 1],
         cells: read [u32; cell_start[count] as usize],
@@ -66,7 +66,7 @@ kernels! {
 
     /// Noise and signal of every block of groups: [`judge::noise_and_signal`]. One invocation per
     /// block.
-    FIRSTSHOT_JUDGE = "firstshot_judge"(p: JudgeParams) for k in 0..count {
+    FIRSTSHOT_JUDGE: JudgePass = "firstshot_judge"(p: JudgeParams) for k in 0..count {
         tallies: read [u32; (p.group_count * p.batches) as usize],
         group_areas: read [f32; p.group_count as usize],
         judged: write [Vec2],

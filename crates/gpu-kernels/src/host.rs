@@ -1,21 +1,21 @@
-//! The host form of the kernels: the same bodies, run over all elements on all cores. Every element is computed by
-//! itself, so the result does not depend on the number of threads. Most host forms follow from the kernel's
-//! declaration; here are those that are faster than a loop over the elements.
+//! The host form of the kernels: the same bodies, run for all invocations on all cores. Each is computed by itself, so the result does not depend on the number of threads. Most host forms follow from the kernel's
+//! declaration; here are those that are faster than a loop over the invocations.
 
 pub(crate) mod firstshot;
-pub(crate) mod formfactor;
 pub(crate) mod localmatrix;
+pub(crate) mod low_rank;
 pub(crate) mod multibounce;
 pub(crate) mod patches;
 pub(crate) mod scene;
 pub(crate) mod temporal;
-pub(crate) mod tiles;
+pub(crate) mod transport;
 pub(crate) mod view;
 
 use std::any::Any;
 use std::vec::Vec;
 
-use ::scene::{BvhNode, Geometry, GeometryTables, Hierarchy};
+use ::scene::gpu::BvhNode;
+use ::scene::{Geometry, GeometryTables, Hierarchy};
 use bytemuck::{AnyBitPattern, Pod};
 use rayon::prelude::*;
 
@@ -46,8 +46,8 @@ pub enum HostBinding<'a> {
 /// One dispatch on the host.
 #[derive(Debug)]
 pub struct HostCall<'c, 'a> {
-    /// Elements of the dispatch; the same number stands in the push constants.
-    pub elements: u32,
+    /// Invocations of the dispatch; the same number stands in the push constants.
+    pub invocations: u32,
     /// Push constants.
     pub push: &'c [u8],
     /// Bindings 0, 1, …; a written buffer is bound once.
@@ -117,12 +117,12 @@ pub enum HostError {
         /// Columns and rows there are.
         found: (u32, u32),
     },
-    /// The push constants count other elements than the dispatch.
-    #[error("the dispatch covers {elements} elements, its push constants say {count}")]
-    Elements {
-        /// Elements of the dispatch.
-        elements: u32,
-        /// Elements of the push constants.
+    /// The push constants count other invocations than the dispatch.
+    #[error("the dispatch has {invocations} invocations, its push constants say {count}")]
+    Invocations {
+        /// Invocations of the dispatch.
+        invocations: u32,
+        /// Invocations of the push constants.
         count: u32,
     },
 }
@@ -141,9 +141,9 @@ impl<'a> HostCall<'_, 'a> {
         if self.push.len() != kernel.push_bytes as usize {
             return Err(HostError::PushLength { kernel: name, expected: kernel.push_bytes, found: self.push.len() });
         }
-        let count = kernel.elements(self.push).unwrap_or(0);
-        if count != self.elements {
-            return Err(HostError::Elements { elements: self.elements, count });
+        let count = kernel.invocations(self.push).unwrap_or(0);
+        if count != self.invocations {
+            return Err(HostError::Invocations { invocations: self.invocations, count });
         }
         for (given, row) in self.bindings.iter().zip(kernel.bindings) {
             let expected = match (row.kind, row.access) {
@@ -287,18 +287,18 @@ pub(crate) fn named(numbers: &[u32]) -> usize {
 }
 
 /// Elements that a core takes at once, at least.
-const TOGETHER: usize = 32;
+const BATCH: usize = 32;
 
 /// `f` of every element and its number, on all cores.
 #[doc(hidden)]
 pub fn each<T: Send>(elements: &mut [T], f: impl Fn(u32, &mut T) + Sync) {
-    elements.par_iter_mut().with_min_len(TOGETHER).enumerate().for_each(|(k, element)| f(k as u32, element));
+    elements.par_iter_mut().with_min_len(BATCH).enumerate().for_each(|(k, element)| f(k as u32, element));
 }
 
 /// Runs over the elements of two tables together, in parallel.
 #[doc(hidden)]
 pub fn each_pair<A: Send, B: Send>(a: &mut [A], b: &mut [B], f: impl Fn(u32, &mut A, &mut B) + Sync) {
-    let pairs = a.par_iter_mut().zip(b).with_min_len(TOGETHER).enumerate();
+    let pairs = a.par_iter_mut().zip(b).with_min_len(BATCH).enumerate();
     pairs.for_each(|(k, (a, b))| f(k as u32, a, b));
 }
 

@@ -1,14 +1,14 @@
-//! Which element an invocation works on: the one convention of all kernels.
+//! The number of an invocation: the one convention of all kernels.
 
 use glam::UVec3;
 
 /// Invocations of a workgroup, for every kernel.
 pub const WORKGROUP: u32 = 64;
 
-/// Element of this invocation. A dispatch is at most 65,535 workgroups wide (the least `maxComputeWorkGroupCount`);
+/// Number of this invocation. A dispatch is at most 65,535 workgroups wide (the least `maxComputeWorkGroupCount`);
 /// what is more goes on in further rows of workgroups.
 #[inline]
-pub fn element(id: UVec3, groups: UVec3) -> u32 {
+pub fn index(id: UVec3, groups: UVec3) -> u32 {
     id.x + id.y * groups.x * WORKGROUP
 }
 

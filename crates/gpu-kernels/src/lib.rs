@@ -4,7 +4,7 @@
 //! `localmatrix::kernel`, `temporal::kernel` and `firstshot::kernel`. Here each is declared
 //! once, in the file of its method. From the declaration follow its entry point (bindings, range check, one call), its
 //! module `spv/<crate>_<kernel>.spv`, its row in [`table::KERNELS`] and its host form ([`host`]), which runs the same
-//! body over all elements on all cores. Results agree in all bits on the devices that we know, because the modules
+//! body for all invocations on all cores. Results agree in all bits on the devices that we know, because the modules
 //! forbid contraction and take their maths from polynomials of our own.
 //!
 //! # Conventions
@@ -12,12 +12,12 @@
 //! - Descriptor set 0; a binding's number is its place in [`table::Kernel::bindings`]. Buffers need one element at
 //!   least, and a written buffer is bound once. Push constants are plain structures: [`params`], and the `Params` of
 //!   the method crates.
-//! - A dispatch covers a number of *elements* (rays, points, pixels, rows …), the same as in the push constants;
+//! - A dispatch has as many invocations as its push constants say, one for each ray, point, pixel …;
 //!   [`table::Kernel::groups`] converts it to workgroups. They have 64 invocations in x. Beyond 65,535 workgroups a
 //!   dispatch goes on in y: element = x + y · (64 · groups in x).
 //! - Dense products take four rows together, rows of whole vectors of four factors (zeros beyond the columns), and
 //!   `4 · vectors` finite entries of B. A matrix beyond `maxStorageBufferRange` is bound in blocks of rows:
-//!   `GatherParams::first_row` says where the block's rows go. `formfactor_gather` and `_half` share the columns of four
+//!   `GatherParams::first_row` says where the block's rows go. `transport_gather` and `_half` share the columns of four
 //!   rows among a workgroup, with coalesced loads.
 //! - Kernels that sample rows take a frame's number, so that each frame draws others; what they write they also read,
 //!   the irradiance of the frame before.
@@ -30,7 +30,7 @@
 //! use glam::Vec4;
 //! use patchlight_gpu_kernels::host::{HostBinding, HostCall};
 //! use patchlight_gpu_kernels::params::CountParams;
-//! use patchlight_gpu_kernels::table::FORMFACTOR_BOUNCE;
+//! use patchlight_gpu_kernels::table::TRANSPORT_BOUNCE;
 //!
 //! // B = E + ρ∘H for one patch.
 //! let (source, albedo, irradiance) = ([Vec4::splat(1.0)], [Vec4::splat(0.5)], [Vec4::splat(4.0)]);
@@ -42,8 +42,8 @@
 //!     HostBinding::Write(bytemuck::cast_slice_mut(&mut exitance)),
 //! ];
 //! let push = CountParams { count: 1 };
-//! let mut call = HostCall { elements: 1, push: bytemuck::bytes_of(&push), bindings: &mut bindings };
-//! FORMFACTOR_BOUNCE.run_on_host(&mut call)?;
+//! let mut call = HostCall { invocations: 1, push: bytemuck::bytes_of(&push), bindings: &mut bindings };
+//! TRANSPORT_BOUNCE.run_on_host(&mut call)?;
 //! assert_eq!(exitance[0], Vec4::splat(3.0));
 //! # Ok::<(), patchlight_gpu_kernels::host::HostError>(())
 //! ```
@@ -59,7 +59,7 @@
 //! ```text
 //! kernels! {
 //!     /// Exitance of every patch after a bounce, W/m²: [`product::bounce`]. An element is a patch.
-//!     FORMFACTOR_BOUNCE = "formfactor_bounce"(p: CountParams) for k in 0..count {
+//!     TRANSPORT_BOUNCE: BouncePass = "transport_bounce"(p: CountParams) for k in 0..count {
 //!         source: read [Rgb; count],
 //!         albedo: read [Rgb; count],
 //!         irradiance: read [Rgb; count],
@@ -71,11 +71,11 @@
 //! }
 //! ```
 //!
-//! `p` are the push constants, whose field `count` holds the number of elements. `[Rgb; count]` is
+//! `p` are the push constants, whose field `count` holds the number of invocations. `[Rgb; count]` is
 //! the type of a buffer's elements, with the least number of them that the host form accepts. The
 //! value of the block goes to element `k` of the buffer that is written. `src/declare.rs` has the
 //! whole grammar: buffers that are updated, images, workgroups with shared memory, the tables of the
-//! scene in one word, and host forms written by hand where a loop over the elements is not the
+//! scene in one word, and host forms written by hand where a loop over the invocations is not the
 //! fastest.
 //!
 //! `just spv` then compiles the module, which the row of the table includes. The tests of layout,
@@ -112,11 +112,15 @@ pub mod invocation;
 pub mod localmatrix;
 pub mod multibounce;
 pub mod params;
+#[cfg(feature = "std")]
+#[macro_use]
+pub mod pass;
+pub mod low_rank;
 pub mod patches;
 pub mod scene;
 mod sums;
 pub mod temporal;
-pub mod tiles;
+pub mod transport;
 
 /// Names of the scene crate for [`kernels!`], for crates that know it by another name.
 #[doc(hidden)]

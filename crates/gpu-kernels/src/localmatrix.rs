@@ -13,7 +13,7 @@ use crate::params::CountParams;
 
 kernels! {
     /// Mean exitance of the leaves of each slot, W/m²: [`kernel::mean`]. One invocation per slot.
-    LOCALMATRIX_MEAN = "localmatrix_mean"(p: CountParams) for slot in 0..count {
+    LOCALMATRIX_MEAN: MeanPass = "localmatrix_mean"(p: CountParams) for slot in 0..count {
         runs: read [UVec2; count],
         area: read [f32; crate::host::localmatrix::end_of_runs(&runs[..count])],
         exitance: read [Rgb; crate::host::localmatrix::end_of_runs(&runs[..count])],
@@ -24,7 +24,7 @@ kernels! {
     }
 
     /// Slots of each block of 64 whose light is not 0: [`kernel::count`]. One invocation per block.
-    LOCALMATRIX_COUNT = "localmatrix_count"(p: SlotParams) for block in 0..count {
+    LOCALMATRIX_COUNT: CountPass = "localmatrix_count"(p: SlotParams) for block in 0..count {
         values: read [Rgb; p.slots as usize],
         counts: write [u32],
     } each {
@@ -33,7 +33,7 @@ kernels! {
 
     /// Start of each block in the list; at the end its length: [`kernel::start`]. One invocation per block, and one for
     /// the end.
-    LOCALMATRIX_START = "localmatrix_start"(p: CountParams) for block in 0..count {
+    LOCALMATRIX_START: StartPass = "localmatrix_start"(p: CountParams) for block in 0..count {
         counts: read [u32; count.saturating_sub(1)],
         starts: write [u32],
     } each {
@@ -42,7 +42,7 @@ kernels! {
 
     /// Slots whose light is not 0, then the others: [`kernel::compact`]. One invocation per place
     /// of the list.
-    LOCALMATRIX_COMPACT = "localmatrix_compact"(p: CountParams) for place in 0..count {
+    LOCALMATRIX_COMPACT: CompactPass = "localmatrix_compact"(p: CountParams) for place in 0..count {
         starts: read [u32],
         values: read [Rgb],
         list: write [u32],
@@ -52,7 +52,7 @@ kernels! {
 
     /// Irradiance of visible slots from lit ones, W/m²: [`kernel::gather`]. One invocation per
     /// place of the list of visible slots, whatever comes after them gets nothing.
-    LOCALMATRIX_PRODUCT = "localmatrix_product"(p: SlotParams) for k in 0..count {
+    LOCALMATRIX_PRODUCT: ProductPass = "localmatrix_product"(p: SlotParams) for k in 0..count {
         lit_starts: read [u32],
         lit: read [u32],
         visible_starts: read [u32],
@@ -74,7 +74,7 @@ kernels! {
 
     /// Irradiance of each leaf from that of the slots, W/m²: [`kernel::spread`]. One invocation
     /// per leaf.
-    LOCALMATRIX_SPREAD = "localmatrix_spread"(p: CountParams) for leaf in 0..count {
+    LOCALMATRIX_SPREAD: SpreadPass = "localmatrix_spread"(p: CountParams) for leaf in 0..count {
         slot_of: read [u32; count],
         irradiance: read [Rgb; crate::host::localmatrix::slots_named(&slot_of[..count]).max(1)],
         leaves: write [Rgb],
@@ -83,7 +83,7 @@ kernels! {
     }
 
     /// Remaining jump of each leaf's light, W/m²: [`kernel::fade`]. One invocation per leaf.
-    LOCALMATRIX_FADE = "localmatrix_fade"(p: FadeParams) for k in 0..count {
+    LOCALMATRIX_FADE: FadePass = "localmatrix_fade"(p: FadeParams) for k in 0..count {
         before: read [Rgb; count],
         now: read [Rgb; count],
         offset: update [Rgb] as old,
@@ -94,7 +94,7 @@ kernels! {
 
     /// Irradiance of each patch from that of its leaf and what is left of jumps, W/m²:
     /// [`kernel::show`]. One invocation per patch.
-    LOCALMATRIX_SHOW = "localmatrix_show"(p: CountParams) for k in 0..count {
+    LOCALMATRIX_SHOW: ShowPass = "localmatrix_show"(p: CountParams) for k in 0..count {
         leaf_of: read [u32; count],
         now: read [Rgb; crate::host::named(&leaf_of[..count])],
         offset: read [Rgb; crate::host::named(&leaf_of[..count])],
@@ -106,7 +106,7 @@ kernels! {
     /// Light of each leaf of a streamed world as a camera is to see it, and what is left of its
     /// jumps, W/m²: [`kernel::level`], [`kernel::show_leaf`]. One invocation per leaf. A level has
     /// two lookups, of its nodes outdoors and indoors; `leaves` name theirs as their patch.
-    LOCALMATRIX_SHOW_LEAVES = "localmatrix_show_leaves"(p: LevelParams) for k in 0..count {
+    LOCALMATRIX_SHOW_LEAVES: ShowLeavesPass = "localmatrix_show_leaves"(p: LevelParams) for k in 0..count {
         leaves: read [SurfacePoint; count],
         light: read [Rgb; count],
         lookups: read [LookupParams; 2 * p.levels as usize],
@@ -134,7 +134,7 @@ kernels! {
 
     /// A plane of the matrix after patches came or went: [`kernel::update`]. One invocation per
     /// four columns of a row.
-    LOCALMATRIX_UPDATE = "localmatrix_update"(p: UpdateParams) for k in 0..count {
+    LOCALMATRIX_UPDATE: UpdatePass = "localmatrix_update"(p: UpdateParams) for k in 0..count {
         vectors: read [f32],
         columns: read [f32],
         new_column: read [u32],

@@ -15,7 +15,7 @@ kernels! {
     /// [`blocks::decode_gather_row`]. A workgroup takes a row of blocks; `exitance` and
     /// `irradiance` are in the order of the blocks, `exitance` holds 4 elements for each column of
     /// blocks.
-    MULTIBOUNCE_BLOCKS_GATHER_BC1 = "multibounce_blocks_gather_bc1"(p: BlockParams)
+    MULTIBOUNCE_BLOCKS_GATHER_BC1: BlocksGatherBc1Pass = "multibounce_blocks_gather_bc1"(p: BlockParams)
     for group of 1 in 0..block_rows, lane, shared: [Vec4; 256] {
         blocks: read [UVec2],
         tile_scales: read [Vec4],
@@ -40,7 +40,7 @@ kernels! {
     } host crate::host::multibounce::blocks_gather_bc1;
 
     /// Gathers from blocks of BC3.
-    MULTIBOUNCE_BLOCKS_GATHER_BC3 = "multibounce_blocks_gather_bc3"(p: BlockParams)
+    MULTIBOUNCE_BLOCKS_GATHER_BC3: BlocksGatherBc3Pass = "multibounce_blocks_gather_bc3"(p: BlockParams)
     for group of 1 in 0..block_rows, lane, shared: [Vec4; 256] {
         blocks: read [UVec4],
         tile_scales: read [Vec4],
@@ -62,7 +62,7 @@ kernels! {
     } host crate::host::multibounce::blocks_gather_bc3;
 
     /// Gathers from blocks of BC6H.
-    MULTIBOUNCE_BLOCKS_GATHER_BC6H = "multibounce_blocks_gather_bc6h"(p: BlockParams)
+    MULTIBOUNCE_BLOCKS_GATHER_BC6H: BlocksGatherBc6hPass = "multibounce_blocks_gather_bc6h"(p: BlockParams)
     for group of 1 in 0..block_rows, lane, shared: [Vec4; 256] {
         blocks: read [UVec4],
         tile_scales: read [Vec4],
@@ -84,7 +84,7 @@ kernels! {
     } host crate::host::multibounce::blocks_gather_bc6h;
 
     /// Gathers from blocks of BC7.
-    MULTIBOUNCE_BLOCKS_GATHER_BC7 = "multibounce_blocks_gather_bc7"(p: BlockParams)
+    MULTIBOUNCE_BLOCKS_GATHER_BC7: BlocksGatherBc7Pass = "multibounce_blocks_gather_bc7"(p: BlockParams)
     for group of 1 in 0..block_rows, lane, shared: [Vec4; 256] {
         blocks: read [UVec4],
         tile_scales: read [Vec4],
@@ -106,7 +106,7 @@ kernels! {
     } host crate::host::multibounce::blocks_gather_bc7;
 
     /// Gathers from blocks of any format as an image, 4 texels for each block each way, decoded by the texture unit.
-    MULTIBOUNCE_BLOCKS_GATHER_IMAGE = "multibounce_blocks_gather_image"(p: BlockParams)
+    MULTIBOUNCE_BLOCKS_GATHER_IMAGE: BlocksGatherImagePass = "multibounce_blocks_gather_image"(p: BlockParams)
     for group of 1 in 0..block_rows, lane, shared: [Vec4; 256] {
         blocks: image crate::table::ImageFormat::BLOCKS,
         tile_scales: read [Vec4],
@@ -128,7 +128,7 @@ kernels! {
 
     /// A vector in another order, each element scaled: [`blocks::reorder`]. An invocation makes one
     /// of the result.
-    MULTIBOUNCE_REORDER = "multibounce_reorder"(p: CountParams) for k in 0..count {
+    MULTIBOUNCE_REORDER: ReorderPass = "multibounce_reorder"(p: CountParams) for k in 0..count {
         order: read [u32; count],
         scale: read [Vec4; count],
         input: read [Rgb],
@@ -139,7 +139,7 @@ kernels! {
 
     /// A bounce that begins with the light of the frame before: the change of exitance and the
     /// exitance, W/m²: [`feedback::change`]. An invocation takes a patch.
-    MULTIBOUNCE_FEEDBACK = "multibounce_feedback"(p: FeedbackParams) for k in 0..count {
+    MULTIBOUNCE_FEEDBACK: FeedbackPass = "multibounce_feedback"(p: FeedbackParams) for k in 0..count {
         source: read [Rgb; count],
         albedo: read [Rgb; count],
         irradiance: read [Rgb; count],
@@ -158,7 +158,7 @@ kernels! {
     /// `multibounce::kernel::multiply::TILE_ROWS` rows and `TILE_VECTORS` vectors of four columns.
     /// `factors` and `next` hold the same rows; with another than the first rows of T, sums go on
     /// from what `next` has.
-    MULTIBOUNCE_MULTIPLY = "multibounce_multiply"(p: MultiplyParams)
+    MULTIBOUNCE_MULTIPLY: MultiplyPass = "multibounce_multiply"(p: MultiplyParams)
     for group of 1 in 0..tiles, lane {
         factors: read [Vec4],
         albedo: read [Vec4],
@@ -197,7 +197,7 @@ kernels! {
 
     /// Rows of the block that is eliminated, from the upper half of the matrix: [`invert::pivot_row`].
     /// An invocation makes a vector of four columns.
-    MULTIBOUNCE_PIVOT_ROWS = "multibounce_pivot_rows"(p: InvertParams) for k in 0..count {
+    MULTIBOUNCE_PIVOT_ROWS: PivotRowsPass = "multibounce_pivot_rows"(p: InvertParams) for k in 0..count {
         matrix: read [Vec4; p.rows as usize * p.vectors as usize],
         pivot_rows: update [Vec4] as before,
     } each {
@@ -206,7 +206,7 @@ kernels! {
 
     /// Multiplies rows by the inverse of the block: [`invert::scaled_row`]. An invocation makes a vector of four
     /// columns.
-    MULTIBOUNCE_SCALED_ROWS = "multibounce_scaled_rows"(p: InvertParams) for k in 0..count {
+    MULTIBOUNCE_SCALED_ROWS: ScaledRowsPass = "multibounce_scaled_rows"(p: InvertParams) for k in 0..count {
         inverse: read [Vec4; (invert::PIVOT_ROWS * invert::PIVOT_VECTORS) as usize],
         pivot_rows: read [Vec4; count],
         scaled_rows: write [Vec4],
@@ -217,7 +217,7 @@ kernels! {
     /// A step of elimination in some rows of the matrix, those of its upper half:
     /// [`invert::eliminate`]. A workgroup takes a tile of
     /// `multibounce::kernel::multiply::TILE_ROWS` rows and `TILE_VECTORS` vectors of four columns.
-    MULTIBOUNCE_ELIMINATE = "multibounce_eliminate"(p: InvertParams)
+    MULTIBOUNCE_ELIMINATE: EliminatePass = "multibounce_eliminate"(p: InvertParams)
     for group of 1 in 0..count, lane {
         inverse: read [Vec4],
         pivot_rows: read [Vec4],

@@ -1,14 +1,15 @@
 //! Push constants of the kernels that have no settings type in their own crate.
 
-use ::scene::{Camera, DirectParams, LargeParams};
+use ::scene::Camera;
+use ::scene::gpu::{DirectParams, LargeParams};
 use bytemuck::{Pod, Zeroable};
 use glam::{Vec3, Vec4};
 
-/// Kernels that need to know only how many elements there are.
+/// Kernels that need to know only how many invocations there are.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
 pub struct CountParams {
-    /// Number of elements.
+    /// Number of invocations.
     pub count: u32,
 }
 const _: () = assert!(size_of::<CountParams>() == 4);

@@ -1,15 +1,15 @@
 //! Kernels of patches and receivers: lookups between patches and between probes in the air, weighted means of
 //! receivers.
 
-use ::formfactor::kernel::view;
 use ::patches::kernel::{lookup, volume, weights};
 use ::patches::{LookupParams, LookupPatch, VolumeParams, WeightParams};
 use ::scene::{Rgb, SurfacePoint};
+use ::transport::kernel::view;
 
 kernels! {
     /// Value of the patches round every point, W/m² for irradiance: [`lookup::lookup`]. One
     /// invocation per point.
-    PATCHES_LOOKUP = "patches_lookup"(p: LookupParams) for k in 0..count {
+    PATCHES_LOOKUP: LookupPass = "patches_lookup"(p: LookupParams) for k in 0..count {
         cells: read [u32; crate::host::patches::voxels(&p.shape)?],
         offsets: read [u32; crate::host::patches::cells_named(cells) + 1],
         entries: read [LookupPatch; offsets[crate::host::patches::cells_named(cells)] as usize],
@@ -23,7 +23,7 @@ kernels! {
 
     /// Irradiance of the ambient cubes round every point, W/m²: [`volume::volume_lookup`]. One
     /// invocation per point.
-    PATCHES_VOLUME_LOOKUP = "patches_volume_lookup"(p: VolumeParams) for k in 0..count {
+    PATCHES_VOLUME_LOOKUP: VolumeLookupPass = "patches_volume_lookup"(p: VolumeParams) for k in 0..count {
         probes: read [u32; crate::host::patches::voxels(&p.shape)?],
         planes: read [f32; crate::host::patches::of_probes(probes, volume::PLANE_WORDS)],
         cubes: read [Rgb; crate::host::patches::of_probes(probes, volume::CUBE_SIDES)],
@@ -35,7 +35,7 @@ kernels! {
     }
 
     /// Looks up spherical harmonics of degree 1, four coefficients a probe: [`volume::volume_lookup_sh`].
-    PATCHES_VOLUME_LOOKUP_SH = "patches_volume_lookup_sh"(p: VolumeParams) for k in 0..count {
+    PATCHES_VOLUME_LOOKUP_SH: VolumeLookupShPass = "patches_volume_lookup_sh"(p: VolumeParams) for k in 0..count {
         probes: read [u32; crate::host::patches::voxels(&p.shape)?],
         planes: read [f32; crate::host::patches::of_probes(probes, volume::PLANE_WORDS)],
         harmonics: read [Rgb; crate::host::patches::of_probes(probes, volume::SH_COEFFICIENTS)],
@@ -48,7 +48,7 @@ kernels! {
 
     /// Weighted means of the irradiance of receivers, W/m²: [`weights::weighted_row`]. One
     /// invocation per row.
-    PATCHES_WEIGH = "patches_weigh"(p: WeightParams) for k in 0..count {
+    PATCHES_WEIGH: WeighPass = "patches_weigh"(p: WeightParams) for k in 0..count {
         row_start: read [u32; count + 1],
         list_start: read [u32; crate::host::patches::blocks(p)?],
         lists: read [u32],
@@ -60,7 +60,7 @@ kernels! {
     } host crate::host::patches::weigh;
 
     /// Weighs the rows that a view needs and that are not computed for the light yet.
-    PATCHES_WEIGH_VIEW = "patches_weigh_view"(p: WeightParams) for k in 0..count {
+    PATCHES_WEIGH_VIEW: WeighViewPass = "patches_weigh_view"(p: WeightParams) for k in 0..count {
         row_start: read [u32; count + 1],
         list_start: read [u32; crate::host::patches::blocks(p)?],
         lists: read [u32],
@@ -80,7 +80,7 @@ kernels! {
 
     /// Marks what the rows that a view needs take from, once for each view:
     /// [`weights::mark_row`]. One invocation per row.
-    PATCHES_MARK_RECEIVERS = "patches_mark_receivers"(p: WeightParams) for k in 0..count {
+    PATCHES_MARK_RECEIVERS: MarkReceiversPass = "patches_mark_receivers"(p: WeightParams) for k in 0..count {
         row_start: read [u32; count + 1],
         list_start: read [u32; crate::host::patches::blocks(p)?],
         lists: read [u32],

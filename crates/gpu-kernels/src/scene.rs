@@ -1,18 +1,16 @@
 //! Kernels over the scene: rays, direct light, primary visibility, shading, tone mapping.
 
+use ::scene::gpu::{DirectParams, Emitter, EmitterGroup, LargeParams, ShareParams, SpecularChain, WalkParams};
 use ::scene::kernel::medium::{Absorbing, Air};
 use ::scene::kernel::{bvh, camera, large, light, shade, specular, walk};
-use ::scene::{
-    DirectParams, Emitter, EmitterGroup, Hit, LargeParams, Light, NONE, Ray, Rgb, ShareParams, SpecularChain,
-    SurfacePoint, WalkParams,
-};
+use ::scene::{Hit, Light, Ray, Rgb, SurfacePoint};
 use glam::Vec3;
 
 use crate::params::{CountParams, FollowParams, MediumDirectParams, MediumLargeParams, PixelParams, ToneMapParams};
 
 kernels! {
     /// Nearest hit of every ray: [`bvh::closest_hit`]. One invocation per ray.
-    SCENE_CLOSEST_HIT = "scene_closest_hit"(p: CountParams) for k in 0..count {
+    SCENE_CLOSEST_HIT: ClosestHitPass = "scene_closest_hit"(p: CountParams) for k in 0..count {
         rays: read [Ray; count],
         geometry: GeometryTables,
         hits: write [Hit],
@@ -22,7 +20,7 @@ kernels! {
     }
 
     /// 1 for every ray that is stopped, else 0: [`bvh::any_hit`]. One invocation per ray.
-    SCENE_ANY_HIT = "scene_any_hit"(p: CountParams) for k in 0..count {
+    SCENE_ANY_HIT: AnyHitPass = "scene_any_hit"(p: CountParams) for k in 0..count {
         rays: read [Ray; count],
         geometry: GeometryTables,
         stopped: write [u32],
@@ -31,21 +29,21 @@ kernels! {
         bvh::any_hit(&geometry, ray.origin, ray.direction, ray.t_max) as u32
     }
 
-    /// Finds out whether light comes to every place, by random walks: [`walk::part_taken`]. One invocation per place.
-    SCENE_PARTS_TAKEN = "scene_parts_taken"(p: WalkParams) for k in 0..count {
+    /// Finds out whether light comes to every place, by random walks: [`walk::reachability`]. One invocation per place.
+    SCENE_REACHABILITY: ReachabilityPass = "scene_reachability"(p: WalkParams) for k in 0..count {
         points: read [SurfacePoint; count],
         geometry: GeometryTables,
         lights: read [Light; p.light_count as usize],
         emitters: read [Emitter; p.emitter_count as usize],
-        parts: write [u32],
+        reached: write [u32],
     } each {
         let lamps = walk::Lamps { lights, emitters };
-        walk::part_taken(&geometry, &lamps, p, points[k as usize])
+        walk::reachability(&geometry, &lamps, p, points[k as usize])
     }
 
     /// Direct irradiance at every point, W/m²: [`light::direct_irradiance`] with shadow rays by
     /// [`bvh::any_hit`]. One invocation per point.
-    SCENE_DIRECT_LIGHT = "scene_direct_light"(p: DirectParams) for k in 0..count {
+    SCENE_DIRECT_LIGHT: DirectLightPass = "scene_direct_light"(p: DirectParams) for k in 0..count {
         points: read [SurfacePoint; count],
         geometry: GeometryTables,
         lights: Lights,
@@ -59,7 +57,7 @@ kernels! {
     }
 
     /// Direct light through a medium that absorbs. One invocation per point.
-    SCENE_DIRECT_LIGHT_MEDIUM = "scene_direct_light_medium"(p: MediumDirectParams) for k in 0..count {
+    SCENE_DIRECT_LIGHT_MEDIUM: DirectLightMediumPass = "scene_direct_light_medium"(p: MediumDirectParams) for k in 0..count {
         points: read [SurfacePoint; count],
         geometry: GeometryTables,
         lights: Lights,
@@ -75,10 +73,10 @@ kernels! {
     }
 
     /// Share of the colour of every light in `changed` that arrives at every point as irradiance:
-    /// [`light::irradiance_share`] with shadow rays by [`bvh::occluder`]. `light_count` says how many have changed;
-    /// `shares` holds `count` values for each light, and `occluders` what stopped the last ray of each, as the executor
-    /// names it, 1 added, or 0: most rays meet it again while a light moves little. One invocation per point.
-    SCENE_DIRECT_SHARES = "scene_direct_shares"(p: DirectParams) for k in 0..count {
+    /// [`light::share_and_occluder`] with shadow rays by [`bvh::occluder`]. `light_count` says how many have changed;
+    /// `shares` and `occluders` hold `count` values for each light; triangles are numbered as the executor numbers them.
+    /// One invocation per point.
+    SCENE_DIRECT_SHARES: DirectSharesPass = "scene_direct_shares"(p: DirectParams) for k in 0..count {
         points: read [SurfacePoint; count],
         geometry: GeometryTables,
         lights: read [Light],
@@ -92,23 +90,21 @@ kernels! {
             let slot = changed[number as usize];
             let light = lights[slot as usize];
             let place = (slot * p.count + k) as usize;
-            let mut last = occluders[place].wrapping_sub(1);
-            let stopped = |origin: Vec3, direction: Vec3, t_max: f32| {
-                let triangle = bvh::occluder(&geometry, origin, direction, t_max, last);
-                if triangle != NONE {
-                    last = triangle;
-                }
-                triangle != NONE
+            let find = |origin: Vec3, direction: Vec3, t_max: f32, last: u32| {
+                bvh::occluder(&geometry, origin, direction, t_max, last)
             };
             let point = points[k as usize];
-            shares[place] = light::irradiance_share(p, at, slot, &light, distributions, point, stopped);
-            occluders[place] = last.wrapping_add(1);
+            let before = occluders[place];
+            let (share, occluder) =
+                light::share_and_occluder(p, at, slot, &light, distributions, point, before, find);
+            shares[place] = share;
+            occluders[place] = occluder;
         }
     } host crate::host::scene::direct_shares;
 
     /// Direct irradiance at every point, W/m², from the shares of the lights and what emitters and sky
     /// send there: [`light::add_lights`]. One invocation per point.
-    SCENE_ADD_LIGHTS = "scene_add_lights"(p: DirectParams) for k in 0..count {
+    SCENE_ADD_LIGHTS: AddLightsPass = "scene_add_lights"(p: DirectParams) for k in 0..count {
         lights: read [Light; p.light_count as usize],
         shares: read [f32; p.light_count as usize * count],
         surroundings: read [Rgb; count],
@@ -119,7 +115,7 @@ kernels! {
 
     /// Traces every pixel's primary ray, to a hit and to a point to be lit: [`camera::primary_hit`],
     /// [`camera::surface_point`]. One invocation per pixel.
-    SCENE_PRIMARY = "scene_primary"(p: PixelParams) for k in 0..count {
+    SCENE_PRIMARY: PrimaryPass = "scene_primary"(p: PixelParams) for k in 0..count {
         geometry: GeometryTables,
         hits: write [Hit],
         points: write [SurfacePoint],
@@ -131,7 +127,7 @@ kernels! {
     }
 
     /// Albedo of what every pixel's primary ray met: [`shade::pixel_albedo`]. One invocation per pixel.
-    SCENE_ALBEDO = "scene_albedo"(p: CountParams) for k in 0..count {
+    SCENE_ALBEDO: AlbedoPass = "scene_albedo"(p: CountParams) for k in 0..count {
         hits: read [Hit; count],
         geometry: GeometryTables,
         albedo: write [Rgb],
@@ -141,7 +137,7 @@ kernels! {
 
     /// Adds the radiance of one sub-frame to every pixel's sum, W/m²/sr: [`shade::add_sub_frame`].
     /// One invocation per pixel.
-    SCENE_SHADE = "scene_shade"(p: PixelParams) for k in 0..count {
+    SCENE_SHADE: ShadePass = "scene_shade"(p: PixelParams) for k in 0..count {
         hits: read [Hit; count],
         albedo: read [Rgb; count],
         direct: read [Rgb; count],
@@ -168,7 +164,7 @@ kernels! {
 
     /// Follows every pixel's primary ray by way of mirrors and through glass: [`specular::follow_primary`]. One
     /// invocation per pixel.
-    SCENE_FOLLOW = "scene_follow"(p: FollowParams) for k in 0..count {
+    SCENE_FOLLOW: FollowPass = "scene_follow"(p: FollowParams) for k in 0..count {
         geometry: GeometryTables,
         lights: Lights,
         hits: write [Hit],
@@ -189,7 +185,7 @@ kernels! {
 
     /// Points to be lit where specular paths end, and the albedo there, times the path's factor:
     /// [`camera::surface_point`], [`specular::chain_albedo`]. One invocation per pixel.
-    SCENE_CHAIN_SURFACE = "scene_chain_surface"(p: CountParams) for k in 0..count {
+    SCENE_CHAIN_SURFACE: ChainSurfacePass = "scene_chain_surface"(p: CountParams) for k in 0..count {
         hits: read [Hit; count],
         chains: read [SpecularChain; count],
         geometry: GeometryTables,
@@ -204,7 +200,7 @@ kernels! {
 
     /// Adds the radiance of one sub-frame to every pixel's sum, W/m²/sr:
     /// [`specular::add_chain_sub_frame`]. One invocation per pixel.
-    SCENE_CHAIN_SHADE = "scene_chain_shade"(p: CountParams) for k in 0..count {
+    SCENE_CHAIN_SHADE: ChainShadePass = "scene_chain_shade"(p: CountParams) for k in 0..count {
         chains: read [SpecularChain; count],
         albedo: read [Rgb; count],
         direct: read [Rgb; count],
@@ -217,7 +213,7 @@ kernels! {
 
     /// Irradiance of every point from the sky, from parallel, point and spot lights and from luminaires, W/m²:
     /// [`large::sharp_irradiance`]. One invocation per point.
-    SCENE_SHARP_LIGHT = "scene_sharp_light"(p: DirectParams) for k in 0..count {
+    SCENE_SHARP_LIGHT: SharpLightPass = "scene_sharp_light"(p: DirectParams) for k in 0..count {
         points: read [SurfacePoint; count],
         from_sky: read [Rgb; count],
         geometry: GeometryTables,
@@ -233,7 +229,7 @@ kernels! {
     }
 
     /// Sharp direct light through a medium that absorbs. One invocation per point.
-    SCENE_SHARP_LIGHT_MEDIUM = "scene_sharp_light_medium"(p: MediumDirectParams) for k in 0..count {
+    SCENE_SHARP_LIGHT_MEDIUM: SharpLightMediumPass = "scene_sharp_light_medium"(p: MediumDirectParams) for k in 0..count {
         points: read [SurfacePoint; count],
         from_sky: read [Rgb; count],
         geometry: GeometryTables,
@@ -252,7 +248,7 @@ kernels! {
 
     /// Adds one sub-frame to every pixel's radiance from rectangles and emitters, were nothing in
     /// the way, W/m²/sr: [`large::add_open_light`]. One invocation per pixel.
-    SCENE_OPEN_LIGHT = "scene_open_light"(p: LargeParams) for k in 0..count {
+    SCENE_OPEN_LIGHT: OpenLightPass = "scene_open_light"(p: LargeParams) for k in 0..count {
         hits: read [Hit; count],
         albedo: read [Rgb; count],
         points: read [SurfacePoint; count],
@@ -268,7 +264,7 @@ kernels! {
 
     /// Adds one sub-frame to every pixel's samples of rectangles and emitters, those that it sees
     /// and all: [`large::add_seen_light`]. One invocation per pixel.
-    SCENE_SEEN_LIGHT = "scene_seen_light"(p: LargeParams) for k in 0..count {
+    SCENE_SEEN_LIGHT: SeenLightPass = "scene_seen_light"(p: LargeParams) for k in 0..count {
         hits: read [Hit; count],
         albedo: read [Rgb; count],
         points: read [SurfacePoint; count],
@@ -288,7 +284,7 @@ kernels! {
 
     /// Light of visible samples through a medium that absorbs: they count as far as it leaves them. One invocation per
     /// pixel.
-    SCENE_SEEN_LIGHT_MEDIUM = "scene_seen_light_medium"(p: MediumLargeParams) for k in 0..count {
+    SCENE_SEEN_LIGHT_MEDIUM: SeenLightMediumPass = "scene_seen_light_medium"(p: MediumLargeParams) for k in 0..count {
         hits: read [Hit; count],
         albedo: read [Rgb; count],
         points: read [SurfacePoint; count],
@@ -312,7 +308,7 @@ kernels! {
 
     /// Adds the light of rectangles and emitters to every pixel's sums, W/m²/sr:
     /// [`large::shadowed_light`]. One invocation per pixel.
-    SCENE_ADD_LARGE_LIGHT = "scene_add_large_light"(p: ShareParams) for k in 0..count {
+    SCENE_ADD_LARGE_LIGHT: AddLargeLightPass = "scene_add_large_light"(p: ShareParams) for k in 0..count {
         points: read [SurfacePoint; p.count_about as usize],
         open: read [Rgb; p.count_about as usize],
         seen: read [Rgb; p.count_about as usize],
@@ -327,7 +323,7 @@ kernels! {
 
     /// Displayed colour of every pixel, bytes r, g, b, 255: [`shade::tone_map`]. One invocation
     /// per pixel.
-    SCENE_TONE_MAP = "scene_tone_map"(p: ToneMapParams) for k in 0..count {
+    SCENE_TONE_MAP: ToneMapPass = "scene_tone_map"(p: ToneMapParams) for k in 0..count {
         sum: read [Rgb; count],
         pixels: write [u32],
     } each {

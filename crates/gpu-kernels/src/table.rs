@@ -8,19 +8,21 @@ pub use row::{Access, Binding, BindingKind, ImageFormat, Invocation, Kernel, MAX
 pub use crate::firstshot::*;
 pub use crate::formfactor::*;
 pub use crate::localmatrix::*;
+pub use crate::low_rank::*;
 pub use crate::multibounce::*;
 pub use crate::patches::*;
 pub use crate::scene::*;
 pub use crate::temporal::*;
-pub use crate::tiles::*;
+pub use crate::transport::*;
 
 /// The kernels of each method.
-static METHODS: [&[&Kernel]; 8] = [
+static METHODS: [&[&Kernel]; 9] = [
     crate::scene::KERNELS,
+    crate::transport::KERNELS,
     crate::formfactor::KERNELS,
     crate::patches::KERNELS,
     crate::multibounce::KERNELS,
-    crate::tiles::KERNELS,
+    crate::low_rank::KERNELS,
     crate::temporal::KERNELS,
     crate::localmatrix::KERNELS,
     crate::firstshot::KERNELS,

@@ -9,7 +9,7 @@ use crate::params::CountParams;
 kernels! {
     /// Change of the exitance since the irradiance was sampled, W/m²: [`sample::change`]. One
     /// invocation per patch.
-    TEMPORAL_CHANGE = "temporal_change"(p: CountParams) for k in 0..count {
+    TEMPORAL_CHANGE: ChangePass = "temporal_change"(p: CountParams) for k in 0..count {
         source: read [Rgb],
         albedo: read [Rgb],
         irradiance: read [Rgb],
@@ -22,7 +22,7 @@ kernels! {
 
     /// Irradiance one frame on, W/m², by samples of lists of hits (`temporal::RayLists`):
     /// [`sample::sample_list`]. One invocation per row.
-    TEMPORAL_SAMPLE_LISTS = "temporal_sample_lists"(p: SampleParams) for k in 0..rows {
+    TEMPORAL_SAMPLE_LISTS: SampleListsPass = "temporal_sample_lists"(p: SampleParams) for k in 0..rows {
         row_start: read [u32],
         columns: read [u32],
         row_sums: read [f32],
@@ -34,7 +34,7 @@ kernels! {
     } host crate::host::temporal::sample_lists;
 
     /// Samples rows by alias tables (`temporal::AliasTables`): [`tables::sample_table`].
-    TEMPORAL_SAMPLE_TABLES = "temporal_sample_tables"(p: SampleParams) for k in 0..rows {
+    TEMPORAL_SAMPLE_TABLES: SampleTablesPass = "temporal_sample_tables"(p: SampleParams) for k in 0..rows {
         row_start: read [u32],
         slots: read [u32],
         columns: read [u32],
@@ -51,7 +51,7 @@ kernels! {
 
     /// Exact irradiance of some rows of lists of hits, W/m²: [`sample::sum_list`]. One invocation
     /// per such row.
-    TEMPORAL_SUM_LISTS = "temporal_sum_lists"(p: SumParams) for k in 0..count {
+    TEMPORAL_SUM_LISTS: SumListsPass = "temporal_sum_lists"(p: SumParams) for k in 0..count {
         row_start: read [u32],
         columns: read [u32],
         row_sums: read [f32],
@@ -64,7 +64,7 @@ kernels! {
     } host crate::host::temporal::sum_lists;
 
     /// Sums of alias tables: [`tables::sum_table`].
-    TEMPORAL_SUM_TABLES = "temporal_sum_tables"(p: SumParams) for k in 0..count {
+    TEMPORAL_SUM_TABLES: SumTablesPass = "temporal_sum_tables"(p: SumParams) for k in 0..count {
         row_start: read [u32],
         slots: read [u32],
         columns: read [u32],

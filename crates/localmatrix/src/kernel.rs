@@ -217,12 +217,12 @@ pub fn show_leaf(offset: Vec4, before: Vec4, light: Vec4, p: &LevelParams) -> (V
 
 /// Step of the square root of a displayed value, as a share of display white, with which the value itself changes by no
 /// more than two 255ths: the curve of sRGB is nowhere more than 1.44 times as steep as the square root.
-pub const PACE: f32 = 2.0 / 255.0 / 1.44;
+pub const FADE_STEP: f32 = 2.0 / 255.0 / 1.44;
 /// Square root of the share of display white from which a value is displayed as white.
 const NEARLY_DISPLAY_WHITE: f32 = 0.998;
 
 /// Share of `shown − now` that is left after a frame, for one channel, W/m²: `keep`, or as much as the light is still
-/// off when its square root, display white being 1, has come nearer by [`PACE`]. Above display white nothing can be
+/// off when its square root, display white being 1, has come nearer by [`FADE_STEP`]. Above display white nothing can be
 /// seen to change.
 #[inline]
 pub fn share_left(shown: f32, now: f32, p: &FadeParams) -> f32 {
@@ -231,10 +231,10 @@ pub fn share_left(shown: f32, now: f32, p: &FadeParams) -> f32 {
     let a = sqrt_to_display_white(from);
     let b = sqrt_to_display_white(to);
     let difference = if a > b { a - b } else { b - a };
-    if difference <= PACE || (a > NEARLY_DISPLAY_WHITE && b > NEARLY_DISPLAY_WHITE) {
+    if difference <= FADE_STEP || (a > NEARLY_DISPLAY_WHITE && b > NEARLY_DISPLAY_WHITE) {
         return p.keep;
     }
-    let next = if a > b { a - PACE } else { a + PACE };
+    let next = if a > b { a - FADE_STEP } else { a + FADE_STEP };
     let share = (next * next - to) / (from - to);
     if share > p.keep { share } else { p.keep }
 }

@@ -3,5 +3,5 @@
 pub mod blocks;
 pub mod feedback;
 pub mod invert;
+pub mod low_rank;
 pub mod multiply;
-pub mod tiles;

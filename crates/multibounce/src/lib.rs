@@ -33,10 +33,10 @@
 //! let factors = Factors { row_start: &[0, 1, 2], columns: &[1, 0], values: &values, area: &area };
 //! let operator = all_bounces(factors.symmetric()?, &[0.8, 0.5])?;
 //! let order = halving_order(&[Vec3::ZERO, Vec3::Z], &[Vec3::Z, Vec3::NEG_Z], &[]);
-//! let go_on = |_, _| Proceed::Continue(());
+//! let ignore_progress = |_, _| Proceed::Continue(());
 //! let patches = TileSide { area: &area, order: &order };
 //! let source = TileSource::Symmetric { channels: Channels::One(&operator), patches };
-//! let tiles = LowRank::encode(source, 1e-3, &go_on)?;
+//! let tiles = LowRank::encode(source, 1e-3, &ignore_progress)?;
 //!
 //! let mut irradiance = [Vec4::ZERO; 2];
 //! tiles.apply(&[Vec4::ONE, Vec4::ZERO], &mut irradiance)?;

@@ -82,15 +82,15 @@ const _: () = assert!(size_of::<InvertParams>() == 28);
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
 pub struct PackedGroup {
-    /// First `u32x16`, of [`crate::kernel::tiles::LANES`] words, of the first vector; the others' follow.
+    /// First `u32x16`, of [`crate::kernel::low_rank::LANES`] words, of the first vector; the others' follow.
     pub start: u32,
     /// The block in the lower 16 bits; then the colour that the vectors are for: a chroma axis, 0 or 1, or
-    /// [`crate::kernel::tiles::ALL_CHANNELS`]; then 1 where elements have 4 bits instead of 8.
+    /// [`crate::kernel::low_rank::ALL_CHANNELS`]; then 1 where elements have 4 bits instead of 8.
     pub tag: u32,
 }
 const _: () = assert!(size_of::<PackedGroup>() == 8);
 
-/// A dense sub-block of [`crate::LowRank`]: [`crate::kernel::tiles::LANES`] rows and columns.
+/// A dense sub-block of [`crate::LowRank`]: [`crate::kernel::low_rank::LANES`] rows and columns.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct SubBlock {

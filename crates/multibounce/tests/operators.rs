@@ -497,22 +497,23 @@ fn the_product_in_vectors_is_that_of_the_bodies() {
 
 /// Asks that sums and rows are the kernels' in all bits.
 fn like_the_bodies(tiles: &LowRank, exitance: &[Vec4]) {
-    let mut ordered = vec![Vec4::ZERO; kernel::tiles::PERMUTED_INDICES];
+    let mut ordered = vec![Vec4::ZERO; kernel::low_rank::PERMUTED_INDICES];
     permute_in_all(&tiles.order, &tiles.row_sqrt_area, exitance, &mut ordered[..tiles.steps.len()]);
-    let mut light = vec![0; tiles.blocks() * kernel::tiles::LIGHT_WORDS as usize];
+    let mut light = vec![0; tiles.blocks() * kernel::low_rank::LIGHT_WORDS as usize];
     let mut body = light.clone();
     quantise_all(&ordered[..tiles.steps.len()], &mut light);
-    (0..tiles.blocks() as u32 * kernel::tiles::U32X4S).for_each(|k| kernel::tiles::quantise(k, &ordered, &mut body));
+    (0..tiles.blocks() as u32 * kernel::low_rank::U32X4S)
+        .for_each(|k| kernel::low_rank::quantise(k, &ordered, &mut body));
     assert_eq!(light, body);
     let mut sums = vec![Vec4::ZERO; tiles.scale.len()];
     multiply_vt_all(&tiles.vt_tables(), &light, &mut sums);
     let (light_u32x4, scale): (&[UVec4], &[Vec4]) = (cast_slice(&light), cast_slice(&tiles.scale));
     let runs = tiles.runs.len() - 1;
     let mut groups = 0;
-    for k in 0..runs as u32 * kernel::tiles::RUN_INVOCATIONS {
-        let (first, count) = kernel::tiles::groups_of(k, &tiles.runs);
+    for k in 0..runs as u32 * kernel::low_rank::RUN_INVOCATIONS {
+        let (first, count) = kernel::low_rank::groups_of(k, &tiles.runs);
         if count > 0 {
-            let body = kernel::tiles::multiply_vt(
+            let body = kernel::low_rank::multiply_vt(
                 first,
                 count,
                 tiles.chroma_axes,
@@ -528,22 +529,23 @@ fn like_the_bodies(tiles: &LowRank, exitance: &[Vec4]) {
         }
     }
     assert_eq!(groups, tiles.groups.len());
-    let mut factors = vec![0; runs * kernel::tiles::FACTOR_WORDS as usize];
+    let mut factors = vec![0; runs * kernel::low_rank::FACTOR_WORDS as usize];
     let mut body = factors.clone();
     requantise_all(&tiles.runs, &tiles.paired, &sums, &mut factors);
     let paired = cast_slice(&tiles.paired);
-    (0..runs as u32).for_each(|k| kernel::tiles::requantise(k, &tiles.runs, paired, &sums, cast_slice_mut(&mut body)));
+    (0..runs as u32)
+        .for_each(|k| kernel::low_rank::requantise(k, &tiles.runs, paired, &sums, cast_slice_mut(&mut body)));
     assert_eq!(factors, body);
-    let mut rows = vec![Vec4::ZERO; kernel::tiles::SPLITS as usize * tiles.steps.len()];
+    let mut rows = vec![Vec4::ZERO; kernel::low_rank::SPLITS as usize * tiles.steps.len()];
     let t = tiles.u_tables();
     multiply_u_all(&t, &factors, &mut rows);
-    for k in 0..rows.len() as u32 / (2 * kernel::tiles::PARTS) {
+    for k in 0..rows.len() as u32 / (2 * kernel::low_rank::PARTS) {
         let body =
-            kernel::tiles::multiply_u(k, t.run_start, t.runs, t.groups, cast_slice(t.words), cast_slice(&factors));
-        for part in 0..kernel::tiles::PARTS {
-            let at = kernel::tiles::row_at(k, part) as usize;
+            kernel::low_rank::multiply_u(k, t.run_start, t.runs, t.groups, cast_slice(t.words), cast_slice(&factors));
+        for part in 0..kernel::low_rank::PARTS {
+            let at = kernel::low_rank::row_at(k, part) as usize;
             let part = part as usize;
-            let lanes = [body[part], body[part + kernel::tiles::PARTS as usize]];
+            let lanes = [body[part], body[part + kernel::low_rank::PARTS as usize]];
             assert_eq!(rows[at..at + 2], lanes, "lanes {k}, part {part}");
         }
     }
@@ -552,7 +554,7 @@ fn like_the_bodies(tiles: &LowRank, exitance: &[Vec4]) {
     dense_sparse_all(&t, &light, &ordered, &mut dense_sparse);
     for (k, eight) in (0u32..).zip(dense_sparse.chunks(8)) {
         let words = (t.sub_block_start, t.sub_blocks, cast_slice(t.sub_block_words));
-        let body = kernel::tiles::dense_sparse(
+        let body = kernel::low_rank::dense_sparse(
             k,
             words.0,
             words.1,
@@ -571,7 +573,7 @@ fn like_the_bodies(tiles: &LowRank, exitance: &[Vec4]) {
     for (i, h) in (0u32..).zip(&irradiance) {
         assert_eq!(
             *h,
-            kernel::tiles::permute_out(i, &tiles.permuted_index, &tiles.row_sqrt_area, &rows, &dense_sparse),
+            kernel::low_rank::permute_out(i, &tiles.permuted_index, &tiles.row_sqrt_area, &rows, &dense_sparse),
             "patch {i}"
         );
     }

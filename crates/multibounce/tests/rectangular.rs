@@ -4,7 +4,7 @@ mod support;
 
 use bytemuck::cast_slice;
 use glam::{Vec3, Vec4};
-use patchlight_multibounce::kernel::tiles as body;
+use patchlight_multibounce::kernel::low_rank as body;
 use patchlight_multibounce::{
     Error, LowRank, LowRankWorkspace, TileSide, TileSource, halving_order, multiply_vt_all, permute_in_all,
     quantise_all, requantise_all,

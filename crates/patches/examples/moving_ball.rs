@@ -2,8 +2,9 @@
 
 use glam::{Vec3, Vec4};
 use patchlight_patches::{VolumeSettings, VolumeSize, VoxelVolume};
+use scene::gpu::{Triangle, TriangleUv};
 use scene::sampling::{cosine_hemisphere, hammersley};
-use scene::{Material, ReceiverSet, Scene, SceneParts, SurfacePoint, Triangle, TriangleUv, Visibility};
+use scene::{Material, ReceiverSet, Scene, SceneParts, SurfacePoint, Visibility};
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mut triangles = Vec::new();

@@ -2,7 +2,8 @@
 
 use glam::Vec3;
 use patchlight_patches::{Grid, Sample, SampleSettings, axis_patches, sample_voxels};
-use scene::{Material, Scene, SceneParts, Triangle, TriangleUv};
+use scene::gpu::{Triangle, TriangleUv};
+use scene::{Material, Scene, SceneParts};
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mut triangles = Vec::new();

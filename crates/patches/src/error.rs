@@ -64,7 +64,7 @@ pub enum Error {
          receivers"
     )]
     LongTriangle {
-        /// The triangle with the most cells, by its number in the file ([`scene::Triangle::source`]).
+        /// The triangle with the most cells, by its number in the file ([`scene::gpu::Triangle::source`]).
         triangle: u32,
         /// Its longest edge, m.
         length: f32,

@@ -33,7 +33,8 @@
 //! # extern crate scene as patchlight_scene;
 //! use glam::{Vec3, Vec4};
 //! use patchlight_patches::{Grid, Lookup, LookupSettings, Sample, SampleSettings, axis_patches, sample_voxels};
-//! use patchlight_scene::{Material, Scene, SceneParts, Triangle, TriangleUv};
+//! use patchlight_scene::{Material, Scene, SceneParts};
+//! use patchlight_scene::gpu::{Triangle, TriangleUv};
 //!
 //! let triangle = |a: Vec3, b: Vec3, c: Vec3| Triangle { corner: a, edge_a: b - a, edge_b: c - a, ..Triangle::default() };
 //! let scene = Scene::new(SceneParts {

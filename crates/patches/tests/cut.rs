@@ -2,7 +2,8 @@
 
 use glam::{Vec2, Vec3, vec2, vec3};
 use patchlight_patches::{Density, cut_at_feet};
-use scene::{Material, Scene, SceneParts, Triangle, TriangleUv, Visibility as _};
+use scene::gpu::{Triangle, TriangleUv};
+use scene::{Material, Scene, SceneParts, Visibility as _};
 
 /// A parallelogram as two triangles.
 fn quad(corner: Vec3, a: Vec3, b: Vec3) -> [Triangle; 2] {

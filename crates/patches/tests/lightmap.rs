@@ -4,8 +4,9 @@ mod support;
 
 use glam::{Vec2, Vec3, Vec4};
 use patchlight_patches::{Error, LIGHTMAP_LIMIT, LightmapTexels};
+use scene::gpu::TriangleUv;
 use scene::sampling::{hash3, uniform_triangle, unit};
-use scene::{ReceiverSet, Scene, Sides, SurfacePoint, TriangleUv};
+use scene::{ReceiverSet, Scene, Sides, SurfacePoint};
 use support::{Mesh, atrium};
 
 const BOTH: Sides = Sides { front: true, back: true };

@@ -8,8 +8,9 @@ use patchlight_patches::{
     ClusterSettings, Error, Grid, Member, PatchSet, Sample, SampleSet, SampleSettings, axis_patches, cluster_patches,
     sample_voxels,
 };
+use scene::gpu::{DirectParams, LIGHT_POINT};
 use scene::sampling::{hash3, unit as unit_random};
-use scene::{DirectParams, LIGHT_POINT, Light, Scene};
+use scene::{Light, Scene};
 use support::{Mesh, atrium, two_rooms};
 
 fn sampled(scene: &Scene, edge: f32) -> (Grid, SampleSet) {

@@ -2,7 +2,8 @@
 
 use glam::{Vec3, Vec4};
 use patchlight_patches::{Density, Error, InterpolationMesh};
-use scene::{Hit, Material, NONE, Scene, SceneParts, SidePolicy, Sides, Triangle, TriangleUv, find_sides};
+use scene::gpu::{Triangle, TriangleUv};
+use scene::{Hit, Material, NONE, Scene, SceneParts, SidePolicy, Sides, find_sides};
 use transport::kernel::grid::{cell_corners, cell_count, interpolate_receivers, vertex_count};
 
 fn triangle(a: Vec3, b: Vec3, c: Vec3) -> Triangle {

@@ -4,7 +4,8 @@ mod support;
 
 use glam::{Vec2, Vec3};
 use patchlight_patches::{AreaRule, Error, Grid, Sample, SampleSet, SampleSettings, sample_voxels};
-use scene::{Material, Scene, SceneParts, Texture, TriangleUv};
+use scene::gpu::{Texture, TriangleUv};
+use scene::{Material, Scene, SceneParts};
 use support::{Mesh, atrium, two_rooms};
 
 fn all(_: &Sample) -> bool {

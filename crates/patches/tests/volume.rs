@@ -8,8 +8,9 @@ use core::f32::consts::PI;
 use glam::{Quat, Vec3, Vec4};
 use patchlight_patches::{Error, PROBE_LIMIT, VolumeSettings, VolumeSize, VoxelVolume};
 use rayon::prelude::*;
+use scene::gpu::TriangleUv;
 use scene::sampling::{cosine_hemisphere, hammersley, hash3, unit};
-use scene::{Material, POINT_WALKS, ReceiverSet, Scene, SceneParts, SurfacePoint, TriangleUv, Visibility, is_open};
+use scene::{Material, POINT_WALKS, ReceiverSet, Scene, SceneParts, SurfacePoint, Visibility, is_open};
 use support::{Mesh, atrium, two_rooms};
 
 fn settings(edge: f32) -> VolumeSettings {

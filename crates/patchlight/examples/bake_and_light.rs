@@ -11,7 +11,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let loaded = assets::load_or_build("cornell")?;
     let settings = BakeSettings::default().with_patch_count(500);
     let bake = Arc::new(Bake::build(&loaded.scene, &settings, &Silent)?);
-    println!("{} patches, {} receivers", bake.mesh.patches.len(), bake.receivers.points.len());
+    println!("{} patches, {} receivers", bake.mesh().patches.len(), bake.receivers().points.len());
 
     let (executor, _) = open(&DeviceChoice::Auto)?;
     let light = LightSettings::default();

@@ -16,7 +16,7 @@ struct Ambient(Arc<Csr>);
 
 impl Ambient {
     fn new(bake: &Bake) -> Self {
-        let areas = bake.mesh.areas();
+        let areas = bake.mesh().areas();
         let all: f32 = areas.iter().sum();
         let n = areas.len();
         let row_start = (0..=n).map(|i| (i * n) as u32).collect();

@@ -6,8 +6,8 @@ use glam::{Vec3, Vec4};
 use patches::PatchMesh;
 use rayon::prelude::*;
 use runtime::executor::{Executor, ExecutorError};
-use runtime::plan::BufferId;
-use scene::{Material, NONE, Scene, SurfacePoint};
+use runtime::plan::Slice;
+use scene::{Material, NONE, Rgb, Scene, SurfacePoint};
 
 use crate::bake::{Bake, enough_bounces};
 use crate::error::Error;
@@ -39,19 +39,15 @@ pub struct Albedo {
 /// The buffers of a loaded plan that hold it.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct AlbedoBuffers {
-    pub points: BufferId,
-    pub elements: BufferId,
-    pub patches: BufferId,
+    pub points: Slice<Rgb>,
+    pub elements: Slice<Rgb>,
+    pub patches: Slice<Rgb>,
 }
 
 impl AlbedoBuffers {
     /// Those of a frame's plan.
     pub fn of(frame: &FramePlan, source: &Source) -> Self {
-        Self {
-            points: source.point_albedo,
-            elements: frame.elements.albedo.buffer,
-            patches: frame.patches.albedo.buffer,
-        }
+        Self { points: source.point_albedo, elements: frame.elements.albedo, patches: frame.patches.albedo }
     }
 
     /// # Errors

@@ -9,8 +9,9 @@ use patches::{
     cut_at_feet, lit_sampler_with, test_lights,
 };
 use runtime::executor::Executor;
+use scene::gpu::DirectParams;
 use scene::sampling::hash3;
-use scene::{DirectParams, Scene, SurfacePoint, sky_bin};
+use scene::{Scene, SurfacePoint, sky_bin};
 use serde::{Deserialize, Serialize};
 use transport::{Csr, HitCounts, Observer, Phase};
 
@@ -148,27 +149,40 @@ setters!(BakeSettings {
 #[derive(Clone)]
 pub struct Bake {
     /// The scene, with the lighting that it was baked with.
-    pub scene: Scene,
+    pub(crate) scene: Scene,
     /// Patches and elements.
-    pub mesh: Arc<PatchMesh>,
+    pub(crate) mesh: Arc<PatchMesh>,
     /// Their form factors.
-    pub form_factors: FormFactors,
+    pub(crate) form_factors: FormFactors,
     /// Receivers and interpolation points.
-    pub receivers: MeshReceivers,
+    pub(crate) receivers: MeshReceivers,
     /// Density of patches and receivers.
-    pub density: Density,
+    pub(crate) density: Density,
     /// Estimate of its errors; none for a bake without patches, or of a scene with a medium, through which no light
     /// goes by form factors.
-    pub energy: Option<EnergyCheck>,
+    pub(crate) energy: Option<EnergyCheck>,
     /// Settings of direct light at the samples.
-    pub direct: DirectParams,
+    pub(crate) direct: DirectParams,
     /// Bounces of a frame.
-    pub bounces: u32,
+    pub(crate) bounces: u32,
     /// Settings that it was made with.
-    pub settings: BakeSettings,
+    pub(crate) settings: BakeSettings,
     /// Operators that methods need not make anew.
-    pub operators: Vec<BakedOperator>,
+    pub(crate) operators: Vec<BakedOperator>,
 }
+
+setters!(Bake {
+    /// With another scene of the same geometry. That parts belong together is not checked.
+    with_scene(scene: Scene);
+    /// With other patches and elements, as many of them.
+    with_mesh(mesh: Arc<PatchMesh>);
+    /// With other form factors between the same patches and elements.
+    with_form_factors(form_factors: FormFactors);
+    /// With other receivers.
+    with_receivers(receivers: MeshReceivers);
+    /// With so many bounces of a frame.
+    with_bounces(bounces: u32);
+});
 
 /// A bake that has no receivers yet.
 #[derive(Clone)]
@@ -178,6 +192,62 @@ pub struct PatchBake<'a> {
 }
 
 impl Bake {
+    /// The scene, with the lighting that it was baked with.
+    pub fn scene(&self) -> &Scene {
+        &self.scene
+    }
+
+    /// Patches and elements.
+    pub fn mesh(&self) -> &Arc<PatchMesh> {
+        &self.mesh
+    }
+
+    /// Form factors of patches and elements.
+    pub fn form_factors(&self) -> &FormFactors {
+        &self.form_factors
+    }
+
+    /// Receivers and interpolation points.
+    pub fn receivers(&self) -> &MeshReceivers {
+        &self.receivers
+    }
+
+    /// Density of patches and receivers.
+    pub fn density(&self) -> &Density {
+        &self.density
+    }
+
+    /// Estimate of its errors; `None` for a bake without patches, or of a scene with a medium, through which no light
+    /// goes by form factors.
+    pub fn energy(&self) -> Option<EnergyCheck> {
+        self.energy
+    }
+
+    /// Settings of direct light at the samples.
+    pub fn direct(&self) -> &DirectParams {
+        &self.direct
+    }
+
+    /// Number of bounces of a frame.
+    pub fn bounces(&self) -> u32 {
+        self.bounces
+    }
+
+    /// Settings that it was made with.
+    pub fn settings(&self) -> &BakeSettings {
+        &self.settings
+    }
+
+    /// Operators that methods need not make anew.
+    pub fn operators(&self) -> &[BakedOperator] {
+        &self.operators
+    }
+
+    /// Adds an operator that methods need not make anew.
+    pub fn add_operator(&mut self, operator: BakedOperator) {
+        self.operators.push(operator);
+    }
+
     /// Cuts a scene into patches, estimates their form factors, and places receivers, on all cores of the host.
     ///
     /// # Errors
@@ -337,7 +407,7 @@ impl<'a> PatchBake<'a> {
         let mut bake = Bake { receivers, settings, ..bake };
         bake.energy = run_phase(observer, Phase::ENERGY, |_| EnergyCheck::of(&bake))?;
         if let Some(energy) = &bake.energy {
-            observer.note(&format!("energy: {}", energy.in_words()));
+            observer.note(&format!("energy: {}", energy.summary()));
         }
         Ok(bake)
     }

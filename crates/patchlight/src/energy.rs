@@ -4,9 +4,10 @@
 use formfactor::{Stop, jacobi};
 use glam::{Vec3, Vec4};
 use rayon::prelude::*;
+use scene::gpu::DirectParams;
 use scene::math::luminance;
 use scene::sampling::{cosine_hemisphere, hammersley, hash3, unit};
-use scene::{DirectParams, Hit, NONE, SurfacePoint};
+use scene::{Hit, NONE, SurfacePoint};
 use serde::{Deserialize, Serialize};
 use transport::kernel::grid::interpolate_receivers;
 use transport::{LinearOperator, QUADRANTS};
@@ -73,7 +74,7 @@ impl MeanRatio {
     }
 
     /// Describes this light as a part of a sentence.
-    fn in_words(&self, light: &str) -> String {
+    fn summary(&self, light: &str) -> String {
         let error = 100.0 * self.standard_error;
         match self.is_believed() {
             true => format!("{light} {:+.1} % (± {error:.1} %) beside rays", 100.0 * (self.ratio - 1.0)),
@@ -88,14 +89,14 @@ impl MeanRatio {
 impl EnergyCheck {
     /// Sentences that say what was checked, and what is known of it: a ratio is a statement only where its standard
     /// error is at most [`MAX_STANDARD_ERROR`].
-    pub fn in_words(&self) -> String {
+    pub fn summary(&self) -> String {
         let checks = [
             ("indirect light", self.near),
             ("indirect light far off", self.far),
             ("light that the bake was not made for", self.unseen),
         ];
         let mut sentences: Vec<String> =
-            checks.iter().filter_map(|(light, ratio)| Some(ratio.as_ref()?.in_words(light))).collect();
+            checks.iter().filter_map(|(light, ratio)| Some(ratio.as_ref()?.summary(light))).collect();
         let percent = 100.0 * self.balance.abs();
         sentences.push(match self.balance {
             balance if balance.abs() < MAX_IMBALANCE => "form factors keep the energy".to_owned(),
@@ -367,7 +368,7 @@ mod tests {
     fn ratios_are_said_only_where_they_can_be_believed() {
         let check = |standard_error: f64, balance: f64| {
             let near = Some(MeanRatio { ratio: 1.181, standard_error, places: 4096 });
-            EnergyCheck { balance, near, far: None, unseen: None }.in_words()
+            EnergyCheck { balance, near, far: None, unseen: None }.summary()
         };
         let sure = check(0.004, 0.001);
         assert!(sure.contains("+18.1 % (± 0.4 %)") && sure.ends_with("form factors keep the energy"), "{sure}");

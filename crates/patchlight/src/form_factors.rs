@@ -13,7 +13,7 @@ use runtime::recipe::formfactor::RowTracer;
 use runtime::recipe::rays::RayStops;
 use runtime::recipe::scene::load_scene;
 use runtime::recipe::walks::Walks;
-use scene::{Geometry, Lighting, Ray, Scene, SurfacePoint, part_taken};
+use scene::{Geometry, Lighting, Ray, Scene, SurfacePoint, reachability};
 use serde::{Deserialize, Serialize};
 use transport::{Csr, HitCounts, LinearOperator, Observer, Phase};
 
@@ -88,7 +88,7 @@ impl Device<'_> {
         Ok((walks, stops))
     }
 
-    fn parts_taken(
+    fn reachability(
         &mut self,
         scene: &Scene,
         places: &[SurfacePoint],
@@ -192,7 +192,7 @@ impl<'d> RowRays<'d> {
 }
 
 impl Walker for RowRays<'_> {
-    fn parts_taken(
+    fn reachability(
         &self,
         scene: &Scene,
         places: &[SurfacePoint],
@@ -204,9 +204,9 @@ impl Walker for RowRays<'_> {
             is_emulated && scene.lighting.lights.len() > MAX_EMULATED_LIGHTS
         };
         let Some(mut device) = self.lock().filter(|device| !too_many(device)) else {
-            return Ok(places.par_iter().map(|place| part_taken(scene, place, walks, seed)).collect());
+            return Ok(places.par_iter().map(|place| reachability(scene, place, walks, seed)).collect());
         };
-        device.parts_taken(scene, places, walks, seed).map_err(of_device)
+        device.reachability(scene, places, walks, seed).map_err(of_device)
     }
 
     fn stopped(&self, scene: &Scene, rays: &[Ray]) -> Result<Vec<u32>, patches::Error> {

@@ -13,7 +13,8 @@ use runtime::plan::{BufferId, PassId};
 use runtime::vulkan::Vulkan;
 #[cfg(feature = "debug-pictures")]
 use scene::Camera;
-use scene::{DirectParams, Light, Lighting, Scene, SurfacePoint};
+use scene::gpu::DirectParams;
+use scene::{Light, Lighting, Scene, SurfacePoint};
 use transport::{LinearOperator as _, Observer};
 
 use crate::albedo::{Albedo, AlbedoBuffers, sample_materials};
@@ -25,7 +26,7 @@ use crate::low_level::frame::{FrameInput, FramePlan, FrameTables, LAST_BOUNCES};
 use crate::low_level::operator::{Build, Decode};
 use crate::low_level::stage::gather::ReceiverTables;
 use crate::low_level::stage::{direct, gather, source};
-use crate::method::firstshot::go_on;
+use crate::method::firstshot::ignore_progress;
 use crate::method::{Method, MethodReport, MethodSettings, Preparation};
 use crate::observe::warn_of_specular_materials;
 use crate::points::PointTables;
@@ -134,11 +135,11 @@ pub struct ReceiverBuffers {
 impl ReceiverBuffers {
     fn of(frame: &FramePlan, direct: &direct::DirectLight) -> Self {
         Self {
-            direct: direct.irradiance,
-            patches: frame.irradiance(),
+            direct: direct.irradiance.buffer,
+            patches: frame.patches.irradiance.buffer,
             elements: frame.elements.irradiance.buffer,
             element_exitance: frame.elements.exitance.buffer,
-            interpolated: frame.interpolated,
+            interpolated: frame.interpolated.buffer,
             source: frame.patches.source.buffer,
         }
     }
@@ -224,7 +225,7 @@ impl LightField {
         settings: &LightSettings,
         mut method: Box<dyn Method>,
     ) -> Result<Self, Error> {
-        if bake.scene.has_medium() && !method.knows_media() {
+        if bake.scene.has_medium() && !method.supports_media() {
             return Err(Error::Medium { what: "this method" });
         }
         let scene = bake.scene.clone();
@@ -487,6 +488,15 @@ impl LightField {
     pub fn counted_report(&mut self) -> Result<MethodReport, Error> {
         self.method.count(self.executor.as_mut())?;
         Ok(self.method.report())
+    }
+
+    /// The method, if it is an `M`, with what only the device knows of the last frame; waits for it.
+    ///
+    /// # Errors
+    /// What the device says.
+    pub fn counted_method<M: Method + 'static>(&mut self) -> Result<Option<&M>, Error> {
+        self.method.count(self.executor.as_mut())?;
+        Ok(self.method.as_any().downcast_ref())
     }
 
     /// Indirect irradiance of the last update on the surfaces, W/m²: at the interpolation points, or of the patches
@@ -795,7 +805,7 @@ impl Loaded {
         let bounces = albedo.map_or(bake.bounces, |albedo| albedo.bounces);
         let capacity = scene.lighting.lights.len().next_power_of_two().max(MIN_LIGHTS);
         let mut frame = FramePlan::new(bake, scene, capacity, bounces, &device);
-        let tables = frame.scene.clone();
+        let tables = frame.scene;
         let direct = direct::add(&mut frame, &tables)?;
         let source = source::add(&mut frame, &direct)?;
         let source_passes = source.passes.to_vec();
@@ -882,7 +892,7 @@ pub(crate) fn gather_at(
 ) -> Result<Vec<Vec4>, Error> {
     let offsets: Vec<u32> = (0..=points.len() as u32).collect();
     let surfaces = bake.mesh.lighting(scene, columns, points, &offsets, seed);
-    Ok(gather_by_rays(&surfaces, rays, exitance, &go_on)?)
+    Ok(gather_by_rays(&surfaces, rays, exitance, &ignore_progress)?)
 }
 
 /// Times of passes of one name added up, in the order of the first of each.

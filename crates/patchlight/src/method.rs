@@ -12,8 +12,8 @@ use std::sync::Arc;
 
 use glam::Vec3;
 use runtime::executor::{Executor, PassTime};
-use runtime::plan::{PassId, Range};
-use scene::{Scene, SurfacePoint};
+use runtime::plan::{PassId, Slice};
+use scene::{Rgb, Scene, SurfacePoint};
 use transport::Observer;
 
 use crate::albedo::Albedo;
@@ -46,7 +46,7 @@ pub trait Method: Send {
     ///
     /// # Errors
     /// What the plan says.
-    fn add_element_passes(&mut self, frame: &mut FramePlan, exitance: Range) -> Result<bool, Error> {
+    fn add_element_passes(&mut self, frame: &mut FramePlan, exitance: Slice<Rgb>) -> Result<bool, Error> {
         let _ = (frame, exitance);
         Ok(false)
     }
@@ -66,7 +66,7 @@ pub trait Method: Send {
     }
 
     /// Returns true if light loses what a medium between surfaces absorbs of it, up to the irradiance of the receivers.
-    fn knows_media(&self) -> bool {
+    fn supports_media(&self) -> bool {
         false
     }
 
@@ -154,10 +154,6 @@ pub struct MethodReport {
     pub bytes: BTreeMap<String, u64>,
     /// Milliseconds of the host before the frame.
     pub host_ms: f64,
-    /// Changes of the matrix round the camera.
-    pub local: Option<localmatrix::CameraFrame>,
-    /// Photons of the last run, once they are counted.
-    pub photons: Option<::firstshot::Round>,
 }
 
 /// A method and its settings.
@@ -200,7 +196,7 @@ impl MethodSettings {
     pub fn name(&self) -> &'static str {
         match self {
             Self::Classic => "classic",
-            Self::Multibounce(Codec::LowRank { .. }) => "tiles",
+            Self::Multibounce(Codec::LowRank { .. }) => "low_rank",
             Self::Multibounce(_) => "multibounce",
             Self::Feedback(_) => "feedback",
             Self::Temporal(_) => "temporal",
@@ -242,7 +238,7 @@ impl MethodSettings {
             Self::Multibounce(codec @ Codec::Blocks(_)) if has_operator && !cfg!(feature = "texture-blocks") => {
                 Err(Error::NoBlockEncoder { codec: codec.name() })
             }
-            Self::Multibounce(_) if has_operator => check_operator("choose fewer patches, or tiles"),
+            Self::Multibounce(_) if has_operator => check_operator("choose fewer patches, or the low-rank operator"),
             Self::Temporal(TemporalSettings { rows: temporal::RowKind::AllBounces, .. }) if has_operator => {
                 check_operator("choose fewer patches, or rows of one bounce")
             }

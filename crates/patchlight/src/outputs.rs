@@ -11,13 +11,12 @@ pub mod probes;
 use glam::{Vec3, Vec4};
 use patches::{LightmapTexels, VoxelVolume};
 use rayon::prelude::*;
+use scene::gpu::DirectParams;
 use scene::kernel::bvh::FAR;
 use scene::kernel::camera::{camera_direction, surface_point};
 use scene::math::luminance;
 use scene::sampling::{cosine_hemisphere, hammersley, hash3};
-use scene::{
-    Camera, DirectParams, Hit, LUMENS_PER_WATT, NONE, ReceiverSet as _, Scene, Sides, SurfacePoint, Visibility as _,
-};
+use scene::{Camera, Hit, LUMENS_PER_WATT, NONE, ReceiverSet as _, Scene, Sides, SurfacePoint, Visibility as _};
 use transport::TriangleGrid;
 use transport::kernel::grid::{cell_count, interpolate_receivers};
 use transport::kernel::view::vertices_at;

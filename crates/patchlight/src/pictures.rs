@@ -2,11 +2,10 @@
 
 use std::sync::Arc;
 
-use glam::Vec4;
 use patches::Columns;
 use runtime::executor::Executor;
-use runtime::plan::{BufferId, PassId};
-use scene::{Camera, Lighting, SurfacePoint};
+use runtime::plan::{BufferId, PassId, Slice};
+use scene::{Camera, Lighting, Rgb, SurfacePoint};
 use transport::Observer;
 
 use crate::bake::{Bake, ReceiverKind};
@@ -378,7 +377,7 @@ impl PictureRenderer {
     /// Buffer of the picture after [`Self::display`]: a word a pixel, row by row from the top, its bytes red, green,
     /// blue and 255 from the lowest. Another buffer after a call that changes the plan of the light or of the pictures.
     pub fn displayed(&self) -> BufferId {
-        self.plan.display.pixels
+        self.plan.display.pixels.buffer
     }
 
     fn gather_pixels(&mut self, camera: &Camera, frame: u32) -> Result<Picture, Error> {
@@ -401,9 +400,9 @@ impl PictureRenderer {
         pixels.indirect()
     }
 
-    fn sum(&mut self, sum: BufferId) -> Result<Picture, Error> {
+    fn sum(&mut self, sum: Slice<Rgb>) -> Result<Picture, Error> {
         let scale = 1.0 / self.plan.shade.sub_frames() as f32;
-        let sums: Vec<Vec4> = self.light.executor_mut().download_table(sum)?;
+        let sums = self.light.executor_mut().download_table(sum)?;
         let (width, height) = self.settings.size;
         Ok(Picture::from_pixels(width, height, sums.iter().map(|c| c.truncate() * scale).collect())?)
     }
@@ -429,7 +428,7 @@ impl PicturePlan {
         receivers: Option<&ReceiverTables>,
         settings: &PictureSettings,
     ) -> Result<Self, Error> {
-        let tables = frame.scene.clone();
+        let tables = frame.scene;
         let indirect = shade::Indirect::of_bake(frame);
         let smooth = receivers.filter(|_| settings.direct == PixelLight::Smooth);
         let sky = smooth.map(|receivers| sky::add(frame, receivers)).transpose()?;

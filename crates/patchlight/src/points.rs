@@ -8,10 +8,10 @@ use glam::{Vec3, Vec4};
 use patches::Columns;
 use patches::kernel::volume::{CUBE_SIDES, SH_COEFFICIENTS, cube_to_harmonic};
 use runtime::executor::{ExecutorError, ReadId};
-use runtime::plan::{BufferId, PassId};
+use runtime::plan::{BufferId, PassId, Slice};
 use runtime::recipe::formfactor::{HitTables, SparseTables, Surfaces};
 use runtime::recipe::rgb_bytes;
-use scene::{NONE, SurfacePoint};
+use scene::{NONE, Rgb, SurfacePoint};
 use transport::{Csr, HitCounts, LinearOperator as _, Observer, Phase};
 
 use crate::bake::ReceiverKind;
@@ -106,10 +106,10 @@ impl PointTables {
         let first = frame.plan.passes().len();
         let exitance = exitance_of(frame)?;
         let range = frame.binding_bytes();
-        let values = frame.plan.storage("points", rgb_bytes(self.count * self.kind.values()));
+        let values = frame.plan.array("points", self.count * self.kind.values());
         let rows = HitTables::new(&mut frame.plan, &mut frame.tables, &self.rows);
         if self.kind == PointKind::HarmonicsL1 {
-            let cubes = frame.plan.storage("point cubes", rgb_bytes(self.count * SIDES));
+            let cubes = frame.plan.array("point cubes", self.count * SIDES);
             rows.gather(&mut frame.plan, PASS, range, exitance, cubes)?;
             let harmonics = Arc::new(harmonics_of_cubes(self.count));
             let harmonics = SparseTables::new(&mut frame.plan, &mut frame.tables, "harmonic", &harmonics);
@@ -117,20 +117,20 @@ impl PointTables {
         } else {
             rows.gather(&mut frame.plan, PASS, range, exitance, values)?;
         }
-        self.buffer = Some(values);
+        self.buffer = Some(values.buffer);
         self.passes = frame.plan.all_passes().split_off(first);
         Ok(())
     }
 }
 
 /// The exitance that points gather: of the elements, or of the patches where they are the receivers.
-fn exitance_of(frame: &mut FramePlan) -> Result<BufferId, ExecutorError> {
+fn exitance_of(frame: &mut FramePlan) -> Result<Slice<Rgb>, ExecutorError> {
     if frame.bake.settings.receivers != ReceiverKind::Patches {
-        return Ok(frame.elements.exitance.buffer);
+        return Ok(frame.elements.exitance);
     }
     // The method leaves the exitance of the bounce before.
-    let exitance = frame.plan.storage("point exitance", rgb_bytes(frame.patches.count as usize));
-    Surfaces { exitance: exitance.into(), ..frame.patches }.bounce(&mut frame.plan, PASS)?;
+    let exitance = frame.plan.array("point exitance", frame.patches.count as usize);
+    Surfaces { exitance, ..frame.patches }.bounce(&mut frame.plan, PASS)?;
     Ok(exitance)
 }
 

@@ -73,7 +73,7 @@ fn a_bake_from_a_file_gives_the_same_light() {
     bake_into(&path, &settings, &Silent).unwrap();
     assert!(!beginning_of(&path).exists());
     let file = Bake::open(&path).unwrap();
-    assert_eq!((&file.origin, file.bake.settings), (&settings.origin, settings.bake));
+    assert_eq!((&file.origin, file.bake.settings()), (&settings.origin, &settings.bake));
     let scene = assets::load_or_build("cornell").unwrap().scene;
     let built = Arc::new(Bake::build(&scene, &settings.bake, &Silent).unwrap());
     let opened = Arc::new(file.bake);

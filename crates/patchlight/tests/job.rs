@@ -34,10 +34,11 @@ fn a_bake_in_the_background_is_the_one_in_the_foreground() {
     let made = job.join().unwrap();
     let expected = Bake::build(&scene(), &coarse(), &Silent).unwrap();
     assert!(
-        made.form_factors.factors == expected.form_factors.factors && made.receivers.rows == expected.receivers.rows
+        made.form_factors().factors == expected.form_factors().factors
+            && made.receivers().rows == expected.receivers().rows
     );
     let other = Bake::build(&scene(), &coarse().with_seed(1), &Silent).unwrap();
-    assert!(made.receivers.rows != other.receivers.rows, "another bake is noticed");
+    assert!(made.receivers().rows != other.receivers().rows, "another bake is noticed");
 }
 
 #[test]

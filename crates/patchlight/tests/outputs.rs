@@ -12,9 +12,8 @@ use patchlight::outputs::{
 };
 use patchlight::{Bake, BakeSettings, LightSettings, PictureRenderer, PictureSettings, ReceiverKind, Silent};
 use runtime::cpu::Cpu;
-use scene::{
-    Camera, LIGHT_POINT, Light, Material, ReceiverSet as _, Scene, SceneParts, SurfacePoint, Triangle, TriangleUv,
-};
+use scene::gpu::{LIGHT_POINT, Triangle, TriangleUv};
+use scene::{Camera, Light, Material, ReceiverSet as _, Scene, SceneParts, SurfacePoint};
 
 /// The Cornell box with the light of its lamp.
 fn lit(receivers: ReceiverKind) -> (PictureRenderer, Arc<Bake>) {
@@ -42,7 +41,7 @@ fn a_lightmap_has_the_light_that_rays_from_its_texels_gather() {
     let (mut renderer, bake) = lit(ReceiverKind::Mesh);
     let sides = lit_sides(renderer.light().bake());
     assert!(sides.iter().any(|side| side.front || side.back));
-    let lightmap = LightmapTexels::new(&bake.scene, &sides, 0.05, &|point| is_lit(&bake, point)).unwrap();
+    let lightmap = LightmapTexels::new(bake.scene(), &sides, 0.05, &|point| is_lit(&bake, point)).unwrap();
     let values = on_lightmap(renderer.light_mut(), &lightmap, LightPart::Indirect).unwrap();
     // Every 40th texel, by rays of its own.
     let some: Vec<usize> = (0..values.len()).step_by(40).collect();
@@ -72,7 +71,7 @@ fn the_full_light_is_the_direct_more() {
         }
     }
     assert!(brighter > 10, "{brighter} corners with direct light");
-    let texels = LightmapTexels::new(&bake.scene, &sides, 0.2, &|point| is_lit(&bake, point)).unwrap();
+    let texels = LightmapTexels::new(bake.scene(), &sides, 0.2, &|point| is_lit(&bake, point)).unwrap();
     let full = on_lightmap(renderer.light_mut(), &texels, LightPart::Full).unwrap();
     let indirect = on_lightmap(renderer.light_mut(), &texels, LightPart::Indirect).unwrap();
     let brighter = full.iter().zip(&indirect).filter(|(full, indirect)| full.x > 1.1 * indirect.x).count();
@@ -84,12 +83,12 @@ fn the_full_light_is_the_direct_more() {
 fn probes_from_files_give_the_light_of_the_volume() {
     let (mut renderer, bake) = lit(ReceiverKind::Mesh);
     let settings = VolumeSettings { size: VolumeSize::Count(27), ..VolumeSettings::default() };
-    let volume = VoxelVolume::new(&bake.scene, &settings, &|point| is_lit(&bake, point)).unwrap();
+    let volume = VoxelVolume::new(bake.scene(), &settings, &|point| is_lit(&bake, point)).unwrap();
     let values = in_volume(renderer.light_mut(), &volume, LightPart::Indirect).unwrap();
     let probes = ProbeVolume::new(&volume, values.clone()).unwrap();
     let (description, binary) = probes.to_files().unwrap();
     let read = ProbeVolume::from_files(&description, &binary).unwrap();
-    let middle = 0.5 * (bake.scene.geometry.bounds.0 + bake.scene.geometry.bounds.1);
+    let middle = 0.5 * (bake.scene().geometry.bounds.0 + bake.scene().geometry.bounds.1);
     for normal in [Vec3::X, Vec3::NEG_X, Vec3::Y, Vec3::NEG_Y, Vec3::Z, Vec3::new(0.6, -0.8, 0.0)] {
         let expected = volume.at(&values, middle, normal).unwrap().truncate();
         assert_eq!(read.irradiance(middle, normal), expected);
@@ -108,11 +107,11 @@ fn live_probes_follow_the_light_of_a_renderer() {
     let (mut renderer, bake) = lit(ReceiverKind::Mesh);
     let mut probes = LiveProbes::new(renderer.light_mut(), 27, 2048, &Silent).unwrap();
     let camera = Camera::look_at(Vec3::ZERO, Vec3::Z, Vec3::Y, 50.0, 4, 4);
-    let middle = 0.5 * (bake.scene.geometry.bounds.0 + bake.scene.geometry.bounds.1);
+    let middle = 0.5 * (bake.scene().geometry.bounds.0 + bake.scene().geometry.bounds.1);
     let normals = [Vec3::X, Vec3::NEG_X, Vec3::Y, Vec3::NEG_Y, Vec3::Z];
     let mut before = Vec3::ZERO;
     for scale in [1.0, 3.0] {
-        let mut lighting = bake.scene.lighting.clone();
+        let mut lighting = bake.scene().lighting.clone();
         lighting.lights.iter_mut().for_each(|light| light.color *= scale);
         renderer.update_light(&lighting, &camera).unwrap();
         probes.update(renderer.light_mut()).unwrap();

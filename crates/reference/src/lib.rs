@@ -22,7 +22,8 @@
 //!
 //! use glam::{Vec3, vec3};
 //! use patchlight_reference::{Accumulation, PathSettings, PathTracer};
-//! use patchlight_scene::{Camera, Material, Scene, SceneParts, Sky, Triangle, TriangleUv};
+//! use patchlight_scene::{Camera, Material, Scene, SceneParts, Sky};
+//! use patchlight_scene::gpu::{Triangle, TriangleUv};
 //!
 //! let floor = Triangle { corner: vec3(-9.0, 0.0, -9.0), edge_a: vec3(0.0, 0.0, 99.0), edge_b: vec3(99.0, 0.0, 0.0), ..Default::default() };
 //! let scene = Scene::new(SceneParts {

@@ -17,16 +17,14 @@ use std::ops::ControlFlow;
 
 use glam::Vec3;
 use rayon::prelude::*;
+use scene::gpu::{LIGHT_DIRECTIONAL, LIGHT_LUMINAIRE, LIGHT_RECT, LIGHT_SPOT};
 use scene::kernel::bvh::FAR;
 use scene::kernel::camera::{camera_direction, surface_point};
 use scene::kernel::light::{luminaire_share, meet_rect, pick_emitter, sky_radiance, spot_falloff};
 use scene::kernel::specular::specular_parts;
 use scene::math::clamp;
 use scene::sampling::{cosine_hemisphere, hash3, uniform_triangle};
-use scene::{
-    Camera, GeometryTables, Hit, LIGHT_DIRECTIONAL, LIGHT_LUMINAIRE, LIGHT_RECT, LIGHT_SPOT, Light, Lights, Scene,
-    SurfacePoint,
-};
+use scene::{Camera, GeometryTables, Hit, Light, Lights, Scene, SurfacePoint};
 
 use crate::accumulation::Accumulation;
 use crate::error::Error;

@@ -9,11 +9,12 @@ use std::f32::consts::{FRAC_1_PI, PI};
 
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
+use scene::gpu::LIGHT_DIRECTIONAL;
 use scene::kernel::bvh::FAR;
 use scene::kernel::camera::surface_point;
 use scene::math::luminance;
 use scene::sampling::{cosine_hemisphere, frame, hammersley, hash3};
-use scene::{LIGHT_DIRECTIONAL, Light, Scene, SurfacePoint};
+use scene::{Light, Scene, SurfacePoint};
 
 use crate::sampler::Sampler;
 

@@ -6,8 +6,9 @@ use std::f32::consts::PI;
 
 use glam::Vec3;
 use patchlight_reference::{PathSettings, PathTracer, Picture, Strategy};
+use scene::Light;
+use scene::gpu::{LIGHT_DIRECTIONAL, LIGHT_POINT, LIGHT_RECT, LIGHT_SPOT};
 use scene::math::luminance;
-use scene::{LIGHT_DIRECTIONAL, LIGHT_POINT, LIGHT_RECT, LIGHT_SPOT, Light};
 use support::{Builder, camera, direct, floor, furnace, point, trace};
 
 /// Relative deviations from a value: of the mean, and the greatest of an 8 × 8 block.

@@ -208,13 +208,17 @@ fn wrong_input_is_refused() {
 fn the_standard_error_of_a_pixel_is_that_of_the_mean_of_its_samples() {
     // A floor below a sky, half of it hidden by a wall: paths either escape or not.
     let sky = scene::Sky { radiance: Vec3::ONE, ..scene::Sky::default() };
-    let sheet =
-        |corner: Vec3, edge_a: Vec3, edge_b: Vec3| scene::Triangle { corner, edge_a, edge_b, ..Default::default() };
+    let sheet = |corner: Vec3, edge_a: Vec3, edge_b: Vec3| scene::gpu::Triangle {
+        corner,
+        edge_a,
+        edge_b,
+        ..Default::default()
+    };
     let floor = sheet(Vec3::new(-9.0, 0.0, -9.0), Vec3::Z * 99.0, Vec3::X * 99.0);
     let wall = sheet(Vec3::new(-99.0, -1.0, -2.0), Vec3::X * 400.0, Vec3::Y * 400.0);
     let scene = scene::Scene::new(scene::SceneParts {
         triangles: vec![floor, wall],
-        uvs: vec![scene::TriangleUv::default(); 2],
+        uvs: vec![scene::gpu::TriangleUv::default(); 2],
         materials: vec![scene::Material { albedo: Vec3::splat(0.5), ..Default::default() }],
         sky,
         ..Default::default()
@@ -224,8 +228,8 @@ fn the_standard_error_of_a_pixel_is_that_of_the_mean_of_its_samples() {
     let tracer = patchlight_reference::PathTracer::new(&scene);
     let render = |seed: u32| {
         let mut sums = Accumulation::new(&camera, PathSettings { seed, ..PathSettings::default() });
-        let go_on = |_: u32, _: u32| std::ops::ControlFlow::Continue(());
-        tracer.accumulate(&camera, &mut sums, 64, go_on).unwrap();
+        let ignore_progress = |_: u32, _: u32| std::ops::ControlFlow::Continue(());
+        tracer.accumulate(&camera, &mut sums, 64, ignore_progress).unwrap();
         sums
     };
     let a = render(1);

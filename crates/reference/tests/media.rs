@@ -4,7 +4,8 @@ mod support;
 
 use glam::Vec3;
 use patchlight_reference::{PathSettings, PathTracer, Strategy};
-use scene::{LIGHT_DIRECTIONAL, LIGHT_POINT, Light, Scene, SurfacePoint};
+use scene::gpu::{LIGHT_DIRECTIONAL, LIGHT_POINT};
+use scene::{Light, Scene, SurfacePoint};
 use support::{Builder, direct, floor, point};
 
 /// e to the power x, by double precision: independent of what kernels use.

@@ -18,10 +18,10 @@ fn main() -> Result<(), Box<dyn Error>> {
     let operator = faer::Mat::from_fn(PATCHES, PATCHES, entry);
     let area = vec![1.0; PATCHES];
     let order: Vec<u32> = (0..PATCHES as u32).collect();
-    let go_on = |_: usize, _: usize| ControlFlow::Continue(());
+    let ignore_progress = |_: usize, _: usize| ControlFlow::Continue(());
     let patches = TileSide { area: &area, order: &order };
     let source = TileSource::Symmetric { channels: Channels::One(&operator), patches };
-    let low_rank = Arc::new(LowRank::encode(source, 0.01, &go_on)?);
+    let low_rank = Arc::new(LowRank::encode(source, 0.01, &ignore_progress)?);
     println!("{PATCHES} patches in {} bytes", low_rank.bytes_by_part().iter().map(|part| part.1).sum::<u64>());
 
     let mut exitance = vec![Vec4::ZERO; PATCHES];

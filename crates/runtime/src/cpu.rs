@@ -108,11 +108,11 @@ impl Cpu {
 
     fn run_pass(&mut self, id: PassId) -> Result<(), ExecutorError> {
         let pass = &self.graph.plan().passes()[id.0];
-        if pass.elements == 0 {
+        if pass.invocations == 0 {
             return Ok(());
         }
         let mut bindings = borrow(&self.graph, pass, &mut self.memory);
-        let mut call = HostCall { elements: pass.elements, push: &pass.push, bindings: &mut bindings };
+        let mut call = HostCall { invocations: pass.invocations, push: &pass.push, bindings: &mut bindings };
         pass.kernel.run_on_host(&mut call).map_err(|source| ExecutorError::Host { pass: pass.name.clone(), source })
     }
 }
@@ -228,18 +228,14 @@ impl Executor for Cpu {
         Ok(self.graph.set_push(pass, push)?)
     }
 
-    fn set_elements(&mut self, pass: PassId, elements: u32) -> Result<(), ExecutorError> {
-        Ok(self.graph.set_elements(pass, elements)?)
-    }
-
     fn run_passes(&mut self, passes: &[PassId]) -> Result<Vec<PassTime>, ExecutorError> {
         self.graph.note_run(passes)?;
         let mut times = Vec::with_capacity(passes.len());
         for &id in passes {
             let start = Instant::now();
             self.run_pass(id)?;
-            let name = self.graph.plan().passes()[id.0].name.clone();
-            times.push(PassTime { name, milliseconds: start.elapsed().as_secs_f64() * 1e3 });
+            let milliseconds = start.elapsed().as_secs_f64() * 1e3;
+            times.push(PassTime::of_pass(&self.graph.plan().passes()[id.0], milliseconds));
         }
         Ok(times)
     }

@@ -9,7 +9,7 @@ use bytemuck::Pod;
 use gpu_kernels::host::HostError;
 
 use crate::cpu::Cpu;
-use crate::plan::{BufferId, PassId, Plan, PlanError};
+use crate::plan::{BufferId, Pass, PassId, Plan, PlanError, Slice};
 use crate::recipe::Table;
 #[cfg(feature = "vulkan")]
 use crate::vulkan::{self, Validation, Vulkan};
@@ -203,13 +203,26 @@ impl fmt::Display for DeviceChoice {
     }
 }
 
-/// Time of a pass.
+/// Time of a pass, or of work of the host that stands for one.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PassTime {
     /// Name of the pass.
     pub name: String,
+    /// Name of its kernel; `host` for work of the host.
+    pub kernel: &'static str,
     /// By the device's own clock where it has one. Passes that overlap share their time: the sum is that of the run.
     pub milliseconds: f64,
+}
+
+impl PassTime {
+    /// Time of work of the host.
+    pub fn of_host(name: impl Into<String>, milliseconds: f64) -> Self {
+        Self { name: name.into(), kernel: "host", milliseconds }
+    }
+
+    pub(crate) fn of_pass(pass: &Pass, milliseconds: f64) -> Self {
+        Self { name: pass.name.clone(), kernel: pass.kernel.name, milliseconds }
+    }
 }
 
 /// A read that was begun with [`Executor::begin_read`].
@@ -269,17 +282,12 @@ pub trait Executor: Send {
     /// A scratch buffer, an unknown buffer; what the device says.
     fn clear(&mut self, buffer: BufferId) -> Result<(), ExecutorError>;
 
-    /// Replaces a pass's push constants from the next run on; passes already submitted keep theirs.
+    /// Replaces a pass's push constants, and with them its number of invocations, from the next run on; passes already
+    /// submitted keep theirs.
     ///
     /// # Errors
-    /// Wrong length, unknown pass.
+    /// Wrong length, unknown pass; more workgroups than the device takes.
     fn set_push(&mut self, pass: PassId, push: &[u8]) -> Result<(), ExecutorError>;
-
-    /// Replaces a pass's number of elements.
-    ///
-    /// # Errors
-    /// Unknown pass; more workgroups than the device takes.
-    fn set_elements(&mut self, pass: PassId, elements: u32) -> Result<(), ExecutorError>;
 
     /// Runs passes in the order given and waits for them.
     ///
@@ -351,15 +359,16 @@ impl dyn Executor + '_ {
     ///
     /// # Errors
     /// As [`Executor::upload_at`].
-    pub fn upload<T: Pod>(&mut self, buffer: BufferId, table: &[T]) -> Result<(), ExecutorError> {
-        self.upload_at(buffer, 0, bytemuck::cast_slice(table))
+    pub fn upload<T: Pod>(&mut self, buffer: impl Into<Slice<T>>, table: &[T]) -> Result<(), ExecutorError> {
+        self.upload_at(buffer.into().buffer, 0, bytemuck::cast_slice(table))
     }
 
     /// A buffer as a table.
     ///
     /// # Errors
     /// As [`Executor::download`], and [`ExecutorError::ElementSize`].
-    pub fn download_table<T: Pod>(&mut self, buffer: BufferId) -> Result<Vec<T>, ExecutorError> {
+    pub fn download_table<T: Pod>(&mut self, buffer: impl Into<Slice<T>>) -> Result<Vec<T>, ExecutorError> {
+        let buffer = buffer.into().buffer;
         let bytes = self.download(buffer)?;
         if size_of::<T>() == 0 || !bytes.len().is_multiple_of(size_of::<T>()) {
             let name = self.plan().buffer(buffer)?.name.clone();

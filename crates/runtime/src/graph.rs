@@ -121,15 +121,7 @@ impl Graph {
         let pass = self.plan.pass_mut(pass)?;
         check_push(&pass.name, pass.kernel, push)?;
         pass.push.copy_from_slice(push);
-        Ok(())
-    }
-
-    /// Replaces a pass's number of elements.
-    ///
-    /// # Errors
-    /// Unknown pass.
-    pub fn set_elements(&mut self, pass: PassId, elements: u32) -> Result<(), PlanError> {
-        self.plan.pass_mut(pass)?.elements = elements;
+        pass.invocations = pass.kernel.invocations(push).unwrap_or(0);
         Ok(())
     }
 
@@ -281,11 +273,11 @@ impl Graph {
         for (k, pass) in self.plan.passes().iter().enumerate() {
             let _ = writeln!(
                 text,
-                "  p{k} [shape = box, label = \"{k}: {}{}\\n{}, {} elements\"];",
+                "  p{k} [shape = box, label = \"{k}: {}{}\\n{}, {} invocations\"];",
                 quote(&pass.name),
                 milliseconds(&pass.name).map(|ms| format!(", {ms:.3} ms in all")).unwrap_or_default(),
                 pass.kernel.name,
-                pass.elements
+                pass.invocations
             );
             for bound in &pass.bound {
                 let b = bound.buffer.0;

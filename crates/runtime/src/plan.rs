@@ -9,13 +9,11 @@ use std::fmt;
 use bytemuck::Pod;
 use gpu_kernels::table::{Access, Binding, BindingKind, ImageFormat, Kernel};
 
+pub use gpu_kernels::pass::{BufferId, GeometrySlices, KernelPass, LightSlices, Range, Slice};
+
 /// Bytes by which ranges of a buffer must be aligned: the greatest `minStorageBufferOffsetAlignment` that Vulkan
 /// allows.
 pub const RANGE_ALIGNMENT: u64 = 256;
-
-/// A buffer of a plan.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
-pub struct BufferId(pub(crate) usize);
 
 /// A pass of a plan.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
@@ -52,30 +50,6 @@ pub struct BufferSpec {
     pub kind: BufferKind,
 }
 
-/// A part of a buffer: `offset .. offset + bytes`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Range {
-    /// The buffer.
-    pub buffer: BufferId,
-    /// First byte, a multiple of [`RANGE_ALIGNMENT`].
-    pub offset: u64,
-    /// Number of bytes; `None` is all that follow.
-    pub bytes: Option<u64>,
-}
-
-impl From<BufferId> for Range {
-    fn from(buffer: BufferId) -> Self {
-        Self { buffer, offset: 0, bytes: None }
-    }
-}
-
-impl BufferId {
-    /// A part of this buffer, such as a block of rows of a matrix.
-    pub fn range(self, offset: u64, bytes: u64) -> Range {
-        Range { buffer: self, offset, bytes: Some(bytes) }
-    }
-}
-
 /// A range whose end is known and that lies in its buffer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Bound {
@@ -101,14 +75,14 @@ pub struct Pass {
     pub kernel: &'static Kernel,
     /// Push constants, `kernel.push_bytes` long.
     pub push: Vec<u8>,
-    /// Elements to work on; the kernel's push constants hold the same number.
-    pub elements: u32,
+    /// Number of invocations, as the push constants say.
+    pub invocations: u32,
     pub(crate) bound: Vec<Bound>,
 }
 
 impl fmt::Debug for Pass {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{} ({}, {} elements)", self.name, self.kernel.name, self.elements)
+        write!(f, "{} ({}, {} invocations)", self.name, self.kernel.name, self.invocations)
     }
 }
 
@@ -326,31 +300,44 @@ impl Plan {
 
     /// Adds a buffer that keeps its contents. With 0 bytes it is bound as one element of zeros and needs no upload.
     pub fn storage(&mut self, name: impl Into<String>, bytes: u64) -> BufferId {
-        self.add(name.into(), bytes, BufferKind::Storage)
+        self.add_buffer(name.into(), bytes, BufferKind::Storage)
     }
 
-    /// Adds a buffer as long as a table: `size_of_val(table)` bytes.
-    pub fn storage_for<T: Pod>(&mut self, name: impl Into<String>, table: &[T]) -> BufferId {
-        self.storage(name, size_of_val(table) as u64)
+    /// Adds a buffer of so many elements that keeps its contents.
+    pub fn array<T: Pod>(&mut self, name: impl Into<String>, count: usize) -> Slice<T> {
+        self.storage(name, (count * size_of::<T>()) as u64).of()
     }
 
     /// Adds a buffer that lives within a frame and shares memory with others like it.
     pub fn scratch(&mut self, name: impl Into<String>, bytes: u64) -> BufferId {
-        self.add(name.into(), bytes, BufferKind::Scratch)
+        self.add_buffer(name.into(), bytes, BufferKind::Scratch)
     }
 
     /// Adds a picture that kernels fetch from.
     pub fn image(&mut self, name: impl Into<String>, format: ImageFormat, width: u32, height: u32) -> BufferId {
         let bytes = format.image_bytes(width, height);
-        self.add(name.into(), bytes, BufferKind::Image { format, width, height })
+        self.add_buffer(name.into(), bytes, BufferKind::Image { format, width, height })
     }
 
-    fn add(&mut self, name: String, bytes: u64, kind: BufferKind) -> BufferId {
+    fn add_buffer(&mut self, name: String, bytes: u64, kind: BufferKind) -> BufferId {
         self.buffers.push(BufferSpec { name, bytes, kind });
         BufferId(self.buffers.len() - 1)
     }
 
-    /// Adds a pass: `kernel` over `elements` elements, its bindings in the order of the kernel table.
+    /// Adds a pass of as many invocations as its push constants say.
+    ///
+    /// # Errors
+    /// Buffers that are empty, too short or bound twice; the error names pass and buffer.
+    pub fn add<P: KernelPass>(
+        &mut self,
+        name: impl Into<String>,
+        pass: &P,
+        push: &P::Push,
+    ) -> Result<PassId, PlanError> {
+        self.pass(name, P::KERNEL, &pass.ranges(), push)
+    }
+
+    /// Adds a pass of a kernel that is known only at run time; its bindings stand in the order of the kernel table.
     ///
     /// # Errors
     /// Bindings or push constants that do not suit the kernel; the error names pass and buffer.
@@ -360,9 +347,8 @@ impl Plan {
         kernel: &'static Kernel,
         bindings: &[Range],
         push: &P,
-        elements: u32,
     ) -> Result<PassId, PlanError> {
-        self.pass_with_bytes(name, kernel, bindings, bytemuck::bytes_of(push), elements)
+        self.pass_with_bytes(name, kernel, bindings, bytemuck::bytes_of(push))
     }
 
     /// As [`Plan::pass`], with push constants as bytes.
@@ -375,7 +361,6 @@ impl Plan {
         kernel: &'static Kernel,
         bindings: &[Range],
         push: &[u8],
-        elements: u32,
     ) -> Result<PassId, PlanError> {
         let name = name.into();
         if bindings.len() != kernel.bindings.len() {
@@ -404,7 +389,8 @@ impl Plan {
             }
         }
         check_push(&name, kernel, push)?;
-        self.passes.push(Pass { name, kernel, push: push.to_vec(), elements, bound });
+        let invocations = kernel.invocations(push).unwrap_or(0);
+        self.passes.push(Pass { name, kernel, push: push.to_vec(), invocations, bound });
         Ok(PassId(self.passes.len() - 1))
     }
 

@@ -1,8 +1,8 @@
 //! Recipes: the passes of each method as public functions, for plans of any program.
 //!
 //! A recipe puts the tables of a method on the device ([`Tables`]), adds the passes of one step of it to a
-//! [`Plan`], and says which buffers hold the result. Kernels find their buffers by the names of their bindings in the
-//! kernel table. One file holds the recipes of one method crate.
+//! [`Plan`](crate::plan::Plan), and says which buffers hold the result. Where a step is one pass, a program adds the
+//! kernel's own ([`Plan::add`](crate::plan::Plan::add)). One file holds the recipes of one method crate.
 
 pub mod firstshot;
 pub mod formfactor;
@@ -20,39 +20,11 @@ pub mod walks;
 
 use std::ops;
 
-use bytemuck::Pod;
 use glam::Vec4;
-use gpu_kernels::table::Kernel;
 
-use crate::executor::ExecutorError;
-use crate::plan::{PassId, Plan, RANGE_ALIGNMENT, Range};
+use crate::plan::RANGE_ALIGNMENT;
 
 pub use tables::{Table, Tables};
-
-/// Buffers by the names that the kernels' bindings have.
-pub type Bindings<'a> = &'a [(&'static str, Range)];
-
-/// A buffer, or a part of one, with the name of the binding that it is for.
-pub type Named = (&'static str, Range);
-
-/// Adds a pass whose bindings are found by name: in `own` first, then in `shared`.
-///
-/// # Errors
-/// A binding without a buffer, or a buffer that does not suit its binding; the error names both.
-pub fn add_pass<P: Pod>(
-    plan: &mut Plan,
-    name: &str,
-    kernel: &'static Kernel,
-    own: Bindings,
-    shared: Bindings,
-    push: &P,
-    invocations: u32,
-) -> Result<PassId, ExecutorError> {
-    let find = |binding: &'static str| own.iter().chain(shared).find(|(n, _)| *n == binding).map(|(_, range)| *range);
-    // A binding without a buffer ends the list; the plan then names it.
-    let bindings: Vec<Range> = kernel.bindings.iter().map_while(|b| find(b.name)).collect();
-    Ok(plan.pass(name, kernel, &bindings, push, invocations)?)
-}
 
 /// Bytes of `count` RGB values: each is a `Vec4` whose last component is unused.
 pub fn rgb_bytes(count: usize) -> u64 {

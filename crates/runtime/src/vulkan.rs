@@ -222,7 +222,7 @@ impl Vulkan {
     }
 
     fn check_pass(&self, plan: &Plan, pass: &Pass) -> Result<(), Error> {
-        self.check_groups(pass, pass.elements)?;
+        self.check_groups(pass, pass.invocations)?;
         let limit = u64::from(self.device.limits.max_storage_buffer_range);
         for (bound, binding) in pass.bound.iter().zip(pass.kernel.bindings) {
             if matches!(binding.kind, BindingKind::Storage { .. }) && bound.bytes > limit {
@@ -234,11 +234,11 @@ impl Vulkan {
         Ok(())
     }
 
-    fn check_groups(&self, pass: &Pass, elements: u32) -> Result<(), Error> {
+    fn check_groups(&self, pass: &Pass, invocations: u32) -> Result<(), Error> {
         let limit = self.device.limits.max_compute_work_group_count[1];
-        let rows = pass.kernel.groups(elements)[1];
+        let rows = pass.kernel.groups(invocations)[1];
         if rows > limit {
-            let what = format!("pass `{}` over {elements} elements", pass.name);
+            let what = format!("pass `{}` with {invocations} invocations", pass.name);
             let remedy = "split it into several passes";
             return Err(self.device.limit(what, "maxComputeWorkGroupCount", limit.into(), rows.into(), remedy));
         }
@@ -370,21 +370,21 @@ impl Vulkan {
             return self.submit_untimed(passes);
         }
         let all = self.graph.plan().passes();
-        let names = passes.iter().map(|id| all[id.0].name.clone()).collect();
-        self.submit(passes, names)
+        let times = passes.iter().map(|id| PassTime::of_pass(&all[id.0], 0.0)).collect();
+        self.submit(passes, times)
     }
 
     fn submit_untimed(&mut self, passes: &[PassId]) -> Result<Ticket, Error> {
         self.submit(passes, Vec::new())
     }
 
-    fn submit(&mut self, passes: &[PassId], names: Vec<String>) -> Result<Ticket, Error> {
+    fn submit(&mut self, passes: &[PassId], times: Vec<PassTime>) -> Result<Ticket, Error> {
         let work = Work { graph: &self.graph, sets: self.sets.as_ref(), resources: &self.resources, passes };
-        let is_timed = !names.is_empty();
+        let is_timed = !times.is_empty();
         // SAFETY: sets, pipelines, resources and staging memory go in `unload` and after the queue in `drop`, both of
         // which wait first.
         unsafe {
-            self.queue.submit(names, |commands, staging, queries| {
+            self.queue.submit(times, |commands, staging, queries| {
                 work.record(commands, staging, is_timed.then_some(queries));
             })
         }
@@ -400,7 +400,7 @@ impl Vulkan {
             let ticket = self.submit_untimed(&[id])?;
             self.queue.wait_for(&ticket)?;
             let milliseconds = start.elapsed().as_secs_f64() * 1e3;
-            times.push(PassTime { name: self.graph.plan().passes()[id.0].name.clone(), milliseconds });
+            times.push(PassTime::of_pass(&self.graph.plan().passes()[id.0], milliseconds));
         }
         Ok(times)
     }
@@ -482,14 +482,10 @@ impl Executor for Vulkan {
     }
 
     fn set_push(&mut self, pass: PassId, push: &[u8]) -> Result<(), ExecutorError> {
-        Ok(self.graph.set_push(pass, push)?)
-    }
-
-    fn set_elements(&mut self, pass: PassId, elements: u32) -> Result<(), ExecutorError> {
         if let Some(pass) = self.graph.plan().passes().get(pass.0) {
-            self.check_groups(pass, elements)?;
+            self.check_groups(pass, pass.kernel.invocations(push).unwrap_or(0))?;
         }
-        Ok(self.graph.set_elements(pass, elements)?)
+        Ok(self.graph.set_push(pass, push)?)
     }
 
     fn run_passes(&mut self, passes: &[PassId]) -> Result<Vec<PassTime>, ExecutorError> {

@@ -9,7 +9,7 @@ use std::time::Duration;
 
 use caller::{Caller, caller};
 use gpu_kernels::params::CountParams;
-use gpu_kernels::table::FORMFACTOR_BOUNCE;
+use gpu_kernels::table::TRANSPORT_BOUNCE;
 use patchlight_runtime::cpu::Cpu;
 use patchlight_runtime::executor::{DeviceChoice, Executor, ExecutorError};
 use patchlight_runtime::plan::{BufferId, PassId, Plan};
@@ -30,7 +30,7 @@ fn load(executor: &mut dyn Executor) -> Scene {
     let mut plan = Plan::new();
     let ids = ["source", "albedo", "irradiance", "exitance"].map(|name| plan.storage(name, BYTES));
     let push = CountParams { count: COUNT };
-    let pass = plan.pass("bounce", &FORMFACTOR_BOUNCE, &ids.map(Into::into), &push, COUNT).expect("a valid pass");
+    let pass = plan.pass("bounce", &TRANSPORT_BOUNCE, &ids.map(Into::into), &push).expect("a valid pass");
     executor.load(plan).expect("the plan loads");
     executor.upload(ids[1], &[0.5f32; 4 * COUNT as usize]).expect("the upload fits");
     executor.upload(ids[2], &[2.0f32; 4 * COUNT as usize]).expect("the upload fits");
@@ -54,7 +54,6 @@ const FRAMES: [Frame; 4] = [
 fn set_frame(executor: &mut dyn Executor, scene: &Scene, frame: Frame) {
     executor.upload(scene.source, &[frame.source; 4 * COUNT as usize]).expect("the upload fits");
     executor.push(scene.pass, &CountParams { count: frame.count }).expect("the length is right");
-    executor.set_elements(scene.pass, frame.count).expect("the pass is known");
 }
 
 /// The exitance after each frame, run one by one.

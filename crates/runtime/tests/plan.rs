@@ -1,7 +1,7 @@
 //! Plans without a device: what is refused, and what is derived.
 
 use gpu_kernels::params::CountParams;
-use gpu_kernels::table::{FORMFACTOR_BOUNCE, FORMFACTOR_GATHER, ImageFormat, MULTIBOUNCE_BLOCKS_GATHER_IMAGE};
+use gpu_kernels::table::{ImageFormat, MULTIBOUNCE_BLOCKS_GATHER_IMAGE, TRANSPORT_BOUNCE, TRANSPORT_GATHER};
 use patchlight_runtime::cpu::Cpu;
 use patchlight_runtime::executor::{Executor, ExecutorError};
 use patchlight_runtime::graph::Graph;
@@ -11,7 +11,7 @@ const COUNT: u32 = 64;
 const BYTES: u64 = 64 * 16;
 
 fn bounce(plan: &mut Plan, buffers: [BufferId; 4]) -> Result<PassId, PlanError> {
-    plan.pass("bounce", &FORMFACTOR_BOUNCE, &buffers.map(Range::from), &CountParams { count: COUNT }, COUNT)
+    plan.pass("bounce", &TRANSPORT_BOUNCE, &buffers.map(Range::from), &CountParams { count: COUNT })
 }
 
 fn storage<const N: usize>(plan: &mut Plan) -> [BufferId; N] {
@@ -25,7 +25,7 @@ fn wrong_bindings_are_refused_with_pass_and_buffer() {
     let odd = plan.storage("odd", 40);
     let picture = plan.image("picture", ImageFormat::Rgba16Float, 8, 8);
     let push = CountParams { count: COUNT };
-    let mut attempt = |ranges: &[Range], push: CountParams| plan.pass("p", &FORMFACTOR_BOUNCE, ranges, &push, COUNT);
+    let mut attempt = |ranges: &[Range], push: CountParams| plan.pass("p", &TRANSPORT_BOUNCE, ranges, &push);
     let ranges = [a, b, c, d].map(Range::from);
     assert!(attempt(&ranges, push).is_ok());
 
@@ -54,7 +54,7 @@ fn wrong_bindings_are_refused_with_pass_and_buffer() {
 fn wrong_push_constants_and_formats_are_refused() {
     let mut plan = Plan::new();
     let buffers: [BufferId; 4] = storage(&mut plan);
-    let error = plan.pass("p", &FORMFACTOR_BOUNCE, &buffers.map(Range::from), &[0u32; 2], 1).expect_err("too long");
+    let error = plan.pass("p", &TRANSPORT_BOUNCE, &buffers.map(Range::from), &[0u32; 2]).expect_err("too long");
     assert!(matches!(error, PlanError::PushLength { expected: 4, found: 8, .. }), "{error}");
     let half = plan.image("half", ImageFormat::Rgba16Float, 8, 8);
     // Any format of blocks suits the kernel for blocks, no other does.
@@ -62,7 +62,7 @@ fn wrong_push_constants_and_formats_are_refused() {
     let attempt = |plan: &mut Plan, picture| {
         let ranges = [picture, others[0], others[1], others[2], others[3], others[4]].map(Range::from);
         let kernel = &MULTIBOUNCE_BLOCKS_GATHER_IMAGE;
-        plan.pass_with_bytes("p", kernel, &ranges, &vec![0; kernel.push_bytes as usize], 1).map(|_| ())
+        plan.pass_with_bytes("p", kernel, &ranges, &vec![0; kernel.push_bytes as usize]).map(|_| ())
     };
     for (format, bytes) in ImageFormat::BLOCKS.iter().zip([48, 96, 96, 96]) {
         let blocks = plan.image("blocks", *format, 9, 5);
@@ -128,7 +128,6 @@ fn uploads_that_do_not_fit_are_refused() {
     let foreign_pass = bounce(&mut other, [foreign[0], foreign[1], foreign[2], foreign[3]]).expect("valid");
     refused(cpu.upload_at(foreign[8], 0, &[]));
     refused(cpu.set_push(foreign_pass, &[0; 4]));
-    refused(cpu.set_elements(foreign_pass, 1));
     assert!(cpu.run_passes(&[foreign_pass]).is_err() && cpu.download(foreign[8]).is_err());
 }
 
@@ -162,7 +161,7 @@ fn disjoint_blocks_of_rows_do_not_wait() {
     let push = formfactor::GatherParams { rows: 16, vectors: 1, ..Default::default() };
     let passes = [0, 256, 512].map(|at| {
         let ranges = [factors.range(at, 256), exitance.into(), irradiance.range(at, 256)];
-        plan.pass("block", &FORMFACTOR_GATHER, &ranges, &push, 16).expect("valid")
+        plan.pass("block", &TRANSPORT_GATHER, &ranges, &push).expect("valid")
     });
     assert_eq!(Graph::new(plan).barriers(&passes), [false, false, false]);
 }
@@ -227,15 +226,14 @@ fn a_section_is_replaced_alone() {
     other
         .pass(
             "unused",
-            &FORMFACTOR_BOUNCE,
+            &TRANSPORT_BOUNCE,
             &[a.into(), a.into(), a.into(), unused.range(0, BYTES)],
             &CountParams { count: COUNT },
-            COUNT,
         )
         .expect("valid");
     let push = CountParams { count: 16 };
     let ranges: [Range; 4] = [sum.into(), sum.into(), sum.into(), third.range(0, BYTES)];
-    let pass = other.pass("third", &FORMFACTOR_BOUNCE, &ranges, &push, 16).expect("valid");
+    let pass = other.pass("third", &TRANSPORT_BOUNCE, &ranges, &push).expect("valid");
     cpu.load_after(other, section).expect("loads");
     cpu.run_passes(&[pass]).expect("what it reads is there");
     assert_eq!(read(&mut cpu, third)[..4], [12.0; 4], "3 + 3 · 3");
@@ -275,9 +273,9 @@ fn the_graph_prints() {
     let mut plan = Plan::new();
     let [a, b] = storage(&mut plan);
     let push = CountParams { count: 1 };
-    plan.pass("first \"quoted\"", &FORMFACTOR_BOUNCE, &[a, a, a, b].map(Range::from), &push, 1).expect("valid");
+    plan.pass("first \"quoted\"", &TRANSPORT_BOUNCE, &[a, a, a, b].map(Range::from), &push).expect("valid");
     let c = plan.storage("c", 16);
-    plan.pass("second", &FORMFACTOR_BOUNCE, &[b.into(), a.into(), a.into(), c.into()], &push, 1).expect("valid");
+    plan.pass("second", &TRANSPORT_BOUNCE, &[b.into(), a.into(), a.into(), c.into()], &push).expect("valid");
     let graph = Graph::new(plan);
     let stages = graph.stages();
     assert_eq!(stages.iter().map(|stage| stage.passes).collect::<Vec<_>>(), [1, 1]);

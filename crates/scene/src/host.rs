@@ -35,5 +35,5 @@ pub use picture::{Picture, scale_to_stops, stops_to_scale};
 pub use pyramid::{Halver, Pyramid, half};
 pub use receivers::ReceiverSet;
 pub use scene::{Scene, SceneParts};
-pub use sides::{POINT_WALKS, SidePolicy, Sides, find_lit_sides, find_sides, is_open, part_taken};
+pub use sides::{POINT_WALKS, SidePolicy, Sides, find_lit_sides, find_sides, is_open, reachability};
 pub use sky::{SKY_BINS, sky_bin, sky_exitance};

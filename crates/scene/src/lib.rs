@@ -1,6 +1,6 @@
 //! A scene as plain data shared by CPU and GPU, and light at points of it.
 //!
-//! The types are `#[repr(C)]` and `Pod`: the same bytes lie in host memory and in storage buffers. The bodies in
+//! The types of [`gpu`] are `#[repr(C)]` and `Pod`: the same bytes lie in host memory and in storage buffers. The bodies in
 //! [`kernel`] are plain functions that run as SPIR-V and on the host alike: rays against the hierarchy with alpha masks
 //! ([`kernel::bvh`]), textures ([`kernel::texture`]), direct irradiance from parallel, point, spot, rectangle and mesh
 //! lights, measured luminaires and the sky ([`kernel::light`]), primary rays ([`kernel::camera`]), shading and tone
@@ -13,19 +13,18 @@
 //! Equations: `H_d = ∫ L_i cosθ dω`, `L_o = L_e + ρ/π (H_d + H)`.
 //!
 //! ```
-//! use glam::{Vec2, Vec3};
-//! use patchlight_scene::{Material, Scene, SceneParts, Triangle, TriangleUv, Visibility};
+//! use glam::Vec3;
+//! use patchlight_scene::{Irradiance, Light, Material, Mesh, Scene, Visibility};
 //!
-//! let floor = |a: Vec3, b: Vec3, c: Vec3| Triangle { corner: a, edge_a: b - a, edge_b: c - a, ..Triangle::default() };
-//! let scene = Scene::new(SceneParts {
-//!     triangles: vec![floor(Vec3::ZERO, Vec3::X, Vec3::Z)],
-//!     uvs: vec![TriangleUv::default()],
-//!     materials: vec![Material::default()],
-//!     ..SceneParts::default()
-//! })?;
+//! let mut builder = Scene::builder();
+//! let material = builder.add_material(Material::diffuse(Vec3::splat(0.8)));
+//! let positions = &[Vec3::ZERO, Vec3::Z, Vec3::X];
+//! builder.add_mesh(Mesh { name: "floor", positions, indices: &[0, 1, 2], material, ..Mesh::default() });
+//! builder.add_light(Light::sun(Vec3::new(0.2, -1.0, 0.1), Irradiance::lux(80_000.0)));
+//! let scene = builder.build()?;
 //! let hit = scene.closest(Vec3::new(0.25, 1.0, 0.25), Vec3::NEG_Y);
 //! assert_eq!((hit.t, hit.triangle), (1.0, 0));
-//! # Ok::<(), patchlight_scene::Error>(())
+//! # Ok::<(), patchlight_scene::BuildError>(())
 //! ```
 //!
 //! | feature | what it adds |
@@ -47,6 +46,7 @@ extern crate std;
 #[cfg(feature = "alloc")]
 pub mod double;
 pub mod error;
+pub mod gpu;
 pub mod kernel;
 pub mod math;
 #[cfg(feature = "alloc")]
@@ -54,23 +54,23 @@ pub mod parallel;
 #[cfg(feature = "serde")]
 pub mod pod;
 pub mod sampling;
-pub mod types;
 pub mod units;
 
 #[cfg(feature = "alloc")]
 pub mod host;
 
 pub use error::{Error, ReflectanceFault};
+pub use gpu::{Camera, Hit, LUMENS_PER_WATT, Light, Material, NONE, Ray, Rgb, Sky, SurfacePoint};
 pub use kernel::light::Lights;
 pub use kernel::{GeometryTables, Hierarchy};
-pub use types::*;
 pub use units::{Flux, Intensity, Irradiance, Radiance, SurfaceLight};
 
 #[cfg(feature = "alloc")]
 pub use host::{
     BuildError, Distribution, Geometry, LightId, Lighting, MAX_EMITTER_GROUPS, MaterialId, Mesh, MeshFault, MeshId,
     Occluder, POINT_WALKS, Picture, ReceiverSet, SKY_BINS, Scene, SceneBuilder, SceneParts, SidePolicy, Sides,
-    TextureId, find_lit_sides, find_sides, is_open, part_taken, scale_to_stops, sky_bin, sky_exitance, stops_to_scale,
+    TextureId, find_lit_sides, find_sides, is_open, reachability, scale_to_stops, sky_bin, sky_exitance,
+    stops_to_scale,
 };
 
 use glam::Vec3;

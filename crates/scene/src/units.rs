@@ -4,8 +4,8 @@ use core::f32::consts::{FRAC_1_PI, PI};
 
 use glam::Vec3;
 
+use crate::gpu::LUMENS_PER_WATT;
 use crate::math::luminance;
-use crate::types::LUMENS_PER_WATT;
 
 /// A quantity with its radiometric and its photometric unit.
 macro_rules! quantity {

@@ -3,10 +3,11 @@
 use std::f32::consts::PI;
 
 use glam::{Affine3A, Quat, Vec2, Vec3};
+use patchlight_scene::gpu::DirectParams;
 use patchlight_scene::math::luminance;
 use patchlight_scene::{
-    BuildError, DirectParams, Distribution, Flux, Intensity, Irradiance, LUMENS_PER_WATT, Light, Material, MaterialId,
-    Mesh, MeshFault, Radiance, Scene, SceneBuilder, SurfacePoint,
+    BuildError, Distribution, Flux, Intensity, Irradiance, LUMENS_PER_WATT, Light, Material, MaterialId, Mesh,
+    MeshFault, Radiance, Scene, SceneBuilder, SurfacePoint,
 };
 
 /// A square round the origin that faces up, with these half edges.

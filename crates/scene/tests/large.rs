@@ -3,6 +3,7 @@
 use std::f32::consts::PI;
 
 use glam::{Vec2, Vec3};
+use patchlight_scene::gpu::*;
 use patchlight_scene::kernel::large::{MAX_EXACT_EMITTERS, group_irradiance, polygon_irradiance};
 use patchlight_scene::math::{atan2, sin_cos_2pi};
 use patchlight_scene::*;

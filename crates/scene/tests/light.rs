@@ -4,6 +4,7 @@ use std::f32::consts::PI;
 use std::sync::Arc;
 
 use glam::{Vec2, Vec3, Vec4};
+use patchlight_scene::gpu::*;
 use patchlight_scene::kernel::large::{add_seen_light, sharp_irradiance};
 use patchlight_scene::kernel::light::{direct_irradiance, sky_radiance, spot_falloff};
 use patchlight_scene::kernel::medium::{Absorbing, Air, Medium, transmittance};

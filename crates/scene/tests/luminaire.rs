@@ -3,6 +3,7 @@
 use std::f64::consts::PI;
 
 use glam::{Mat3, Vec3};
+use patchlight_scene::gpu::*;
 use patchlight_scene::kernel::light::luminaire_share;
 use patchlight_scene::*;
 

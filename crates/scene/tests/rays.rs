@@ -3,11 +3,12 @@
 use std::cell::Cell;
 
 use glam::{Vec2, Vec3};
+use patchlight_scene::gpu::{Texture, Triangle, TriangleUv};
 use patchlight_scene::kernel::GeometryTables;
 use patchlight_scene::kernel::bvh::{FAR, any_hit, closest_hit, host_occluder, intersect_triangle, occluder};
 use patchlight_scene::math::sin_cos_2pi;
 use patchlight_scene::sampling::{hash3, unit};
-use patchlight_scene::{Hit, Material, NONE, Occluder, Scene, SceneParts, Texture, Triangle, TriangleUv};
+use patchlight_scene::{Hit, Material, NONE, Occluder, Scene, SceneParts};
 
 fn random(k: u32, slot: u32) -> Vec3 {
     Vec3::new(unit(hash3(k, slot, 1)), unit(hash3(k, slot, 2)), unit(hash3(k, slot, 3)))

@@ -1,10 +1,9 @@
 //! Reachability of light: small lamps light whole rooms, closed spaces stay dark.
 
 use glam::{Vec3, vec3};
+use patchlight_scene::gpu::{Triangle, TriangleUv};
 use patchlight_scene::sampling::{hash3, unit};
-use patchlight_scene::{
-    Material, NONE, POINT_WALKS, Scene, SceneParts, SidePolicy, SurfacePoint, Triangle, TriangleUv, find_sides, is_open,
-};
+use patchlight_scene::{Material, NONE, POINT_WALKS, Scene, SceneParts, SidePolicy, SurfacePoint, find_sides, is_open};
 
 const ROOM: u32 = 0;
 const LAMP: u32 = 1;

@@ -2,7 +2,7 @@
 
 use bytemuck::{Pod, Zeroable};
 use glam::{UVec3, Vec3, Vec4};
-use scene::DirectParams;
+use scene::gpu::DirectParams;
 
 /// Texels along the edge of a probe's irradiance, and of its visibility, without borders.
 pub const IRRADIANCE_EDGE: u32 = 8;

@@ -6,10 +6,9 @@ use clap::{Args, ValueEnum};
 use multibounce::BlockCodec;
 use patchlight::BakeSettings;
 use patchlight::method::FirstShotSettings;
+use serde::{Deserialize, Serialize};
 
 pub use shell::args::common::*;
-
-use crate::bench::Part;
 
 /// Experiments.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -211,6 +210,18 @@ impl Bench {
             _ => BakeSettings::default().receiver_rays,
         })
     }
+}
+
+/// Table of the experiment with patches.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ValueEnum)]
+#[serde(rename_all = "kebab-case")]
+pub enum Part {
+    /// Kinds, numbers of patches, receivers.
+    Patches,
+    /// Break-down of the error.
+    BreakDown,
+    /// Lights that the bake has not seen.
+    Lights,
 }
 
 /// Texture blocks of an experiment.

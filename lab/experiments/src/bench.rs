@@ -15,6 +15,7 @@ mod patches;
 mod proof;
 mod rows;
 mod scaling;
+mod setup;
 mod spread;
 mod step;
 mod study;
@@ -24,46 +25,22 @@ mod thesis;
 mod truth;
 mod unseen;
 
-use std::path::{Path, PathBuf};
-use std::sync::Arc;
+use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 
 use crate::args::{Bench, Common, Experiment, Patches};
-use crate::bandwidth::stream_gb_s;
 use crate::error::Error;
 use crate::output;
-use crate::progress::Progress;
 use crate::report::page;
-use assets::LoadedScene;
 use patches::SceneResult;
-use patchlight::{Bake, BakeSettings, Estimator, LightSettings, PictureRenderer, PictureSettings};
-pub use rows::Part;
 use rows::Row;
-use runtime::executor::{DeviceChoice, DeviceKind};
-use shell::device::open;
+use setup::{Machine, SCENES, Setup};
 
-/// Scenes of an experiment that names none.
-const SCENES: [&str; 2] = ["cornell", "atrium"];
 /// Patches of the experiment with patches.
 const COUNTS: [u32; 5] = [1000, 2000, 5000, 10_000, 20_000];
 /// Their kinds.
 const KINDS: [Patches; 3] = [Patches::Voxel, Patches::Axis, Patches::Cluster];
-/// Bytes that are read to measure the bandwidth, more than caches hold, and how often.
-const STREAM_BYTES: usize = 256 << 20;
-const STREAM_ROUNDS: usize = 3;
-
-/// Machine that the numbers were measured on.
-#[derive(Clone, Serialize, Deserialize)]
-pub struct Machine {
-    cpu: String,
-    /// The Vulkan device, where one runs the kernels.
-    #[serde(skip_serializing_if = "Option::is_none", default)]
-    gpu: Option<String>,
-    threads: usize,
-    stream_gb_s: f64,
-}
-
 /// Conditions of the rows of the experiment with patches, beside what they say: a run goes on only from its like.
 #[derive(Debug, PartialEq, Serialize, Deserialize)]
 struct Basis {
@@ -142,36 +119,6 @@ pub fn run(common: &Common, args: &Bench) -> Result<(), Error> {
     }
 }
 
-/// Output folder, device and scenes of an experiment.
-struct Setup<'a> {
-    out: PathBuf,
-    machine: Machine,
-    scenes: Vec<&'a str>,
-    /// Patches.
-    counts: Vec<u32>,
-}
-
-impl<'a> Setup<'a> {
-    /// Makes the folder, and takes these scenes and counts where none are given.
-    fn new(
-        common: &Common,
-        args: &'a Bench,
-        name: &str,
-        scenes: &[&'static str],
-        counts: &[u32],
-    ) -> Result<Self, Error> {
-        let out = output::folder_or(&common.out, &format!("bench-{name}"));
-        output::make_folder(&out)?;
-        let given = args.scenes.iter().map(String::as_str);
-        Ok(Self {
-            out,
-            machine: Machine::find(common)?,
-            scenes: if args.scenes.is_empty() { scenes.to_vec() } else { given.collect() },
-            counts: if args.counts.is_empty() { counts.to_vec() } else { args.counts.clone() },
-        })
-    }
-}
-
 fn run_patches(common: &Common, args: &Bench) -> Result<(), Error> {
     let Setup { out, machine, scenes, counts } = Setup::new(common, args, "patches", &SCENES, &COUNTS)?;
     let kinds = if args.kinds.is_empty() { KINDS.to_vec() } else { args.kinds.clone() };
@@ -232,51 +179,4 @@ fn write(machine: &Machine, results: &[SceneResult], out: &Path) -> Result<(), E
     ];
     let sections = results.iter().map(|result| &result.section);
     Ok(output::write_text(&out.join("report.html"), &page("Patchlight: virtual patches", &introduction, sections))?)
-}
-
-/// Settings of a bake of so many patches of a scene.
-fn bake_settings(common: &Common, args: &Bench, loaded: &LoadedScene, count: usize) -> BakeSettings {
-    BakeSettings::default()
-        .with_patch_count(count)
-        .with_focus(args.focus.focus(loaded, &loaded.animation))
-        .with_estimator(Estimator::Hemisphere { rays: args.rays })
-        .with_receiver_rays(args.receiver_rays())
-        .with_seed(common.seed)
-}
-
-/// Puts a bake on the device of the options. What there is to say of the device was said when the
-/// machine was described.
-fn load(
-    common: &Common,
-    bake: &Arc<Bake>,
-    light: &LightSettings,
-    pictures: &PictureSettings,
-    progress: &Progress,
-) -> Result<PictureRenderer, Error> {
-    let (executor, _) = open(&DeviceChoice::parse(&common.device))?;
-    Ok(PictureRenderer::of_bake(Arc::clone(bake), executor, light, pictures, progress)?)
-}
-
-impl Machine {
-    fn find(common: &Common) -> Result<Self, Error> {
-        let (executor, note) = open(&DeviceChoice::parse(&common.device))?;
-        if let (Some(note), false) = (note, common.quiet) {
-            tell!("{note}");
-        }
-        let device = executor.device();
-        let gpu = (device.kind != DeviceKind::Native).then(|| device.name.clone());
-        let stream_gb_s = stream_gb_s(STREAM_BYTES, STREAM_ROUNDS);
-        Ok(Self { cpu: runtime::cpu::processor_name(), gpu, threads: rayon::current_num_threads(), stream_gb_s })
-    }
-
-    /// Sentence for a report.
-    fn sentence(&self) -> String {
-        format!(
-            "Measured on {}{}, {} threads, reading {:.1} GB/s.",
-            self.cpu,
-            self.gpu.as_ref().map(|gpu| format!(", kernels on {gpu}")).unwrap_or_default(),
-            self.threads,
-            self.stream_gb_s
-        )
-    }
 }

@@ -7,22 +7,22 @@
 use std::sync::{Mutex, PoisonError};
 
 use ddgi::{
-    BlendParams, IRRADIANCE_TEXELS, LookupPoint, PointParams, ProbeRay, RAY_WEIGHTS, TraceParams, VISIBILITY_TEXELS,
+    BlendParams, IRRADIANCE_TEXELS, LookupPoint, PointParams, Probe, RAY_WEIGHTS, TraceParams, VISIBILITY_TEXELS,
     WeightParams,
 };
 use glam::{Vec2, Vec3, Vec4};
-use lab_kernels::ddgi as table;
+use lab_kernels::ddgi::{BlendIrradiancePass, BlendVisibilityPass, LookupPass, TracePass, WeightsPass};
 use opponents::{Ddgi, DdgiSettings, ProbeFrame, ViewedPoint};
 use runtime::executor::{Executor, ExecutorError};
-use runtime::plan::{BufferId, PassId, Plan};
+use runtime::plan::{PassId, Plan, Slice};
+use runtime::recipe::Tables;
 use runtime::recipe::scene::SceneTables;
-use runtime::recipe::{Named, Tables, add_pass, rgb_bytes};
-use scene::{Light, Lighting, Scene};
+use scene::{Light, Lighting, Rgb, Scene};
 
 use crate::error::Error;
 
 /// Points beside those in view that are looked up together.
-const TOGETHER: usize = 1 << 16;
+const BATCH: usize = 1 << 16;
 
 /// Probes on a device.
 pub struct DeviceDdgi {
@@ -88,7 +88,7 @@ impl DeviceDdgi {
     pub fn irradiance_at(&self, points: &[ViewedPoint]) -> Result<Vec<Vec3>, ExecutorError> {
         let mut executor = self.executor.lock().unwrap_or_else(PoisonError::into_inner);
         let mut found = Vec::with_capacity(points.len());
-        for part in points.chunks(TOGETHER) {
+        for part in points.chunks(BATCH) {
             found.extend(self.passes.look_up(executor.as_mut(), part)?);
         }
         Ok(found)
@@ -112,22 +112,29 @@ impl DeviceDdgi {
 
 /// The passes of probes, and the buffers that change.
 struct ProbePasses {
-    directions: BufferId,
-    probe_irradiance: BufferId,
-    probe_visibility: BufferId,
+    directions: Slice<Vec4>,
+    probes: ProbeSlices,
     weights: PassId,
     trace: PassId,
     blend_irradiance: PassId,
     blend_visibility: PassId,
-    view: LookupPass,
-    any: LookupPass,
+    view: PointLookup,
+    any: PointLookup,
     point_params: PointParams,
 }
 
+/// Probes, and what they know.
+#[derive(Clone, Copy)]
+struct ProbeSlices {
+    probes: Slice<Probe>,
+    irradiance: Slice<Rgb>,
+    visibility: Slice<Vec2>,
+}
+
 /// A pass that looks up points.
-struct LookupPass {
-    points: BufferId,
-    irradiance: BufferId,
+struct PointLookup {
+    points: Slice<LookupPoint>,
+    irradiance: Slice<Rgb>,
     pass: PassId,
 }
 
@@ -143,46 +150,40 @@ impl ProbePasses {
         let DdgiSettings { rays, exponent, .. } = *host.settings();
         let probes = host.probe_table();
         let count = probes.len() as u32;
-        let shared = scene.bindings();
-        let mut storage = |name: &str, count: u32, bytes: usize| plan.storage(name, u64::from(count) * bytes as u64);
-        let directions = storage("directions", rays, size_of::<Vec4>());
-        let probe_irradiance = storage("probe_irradiance", count * IRRADIANCE_TEXELS, size_of::<Vec4>());
-        let probe_visibility = storage("probe_visibility", count * VISIBILITY_TEXELS, size_of::<Vec2>());
-        let weights = storage("weights", RAY_WEIGHTS * rays, size_of::<f32>());
-        let brought = storage("rays", count * rays, size_of::<ProbeRay>());
-        let own: [Named; 6] = [
-            ("directions", directions.into()),
-            ("probe_irradiance", probe_irradiance.into()),
-            ("probe_visibility", probe_visibility.into()),
-            ("weights", weights.into()),
-            ("rays", brought.into()),
-            tables.named(plan, "probes", probes.to_vec()),
-        ];
-        let weight = WeightParams { count: RAY_WEIGHTS * rays, rays, exponent };
-        let trace = TraceParams { count: count * rays, rays, ..TraceParams::default() };
-        let light = BlendParams { count: count * IRRADIANCE_TEXELS, rays, ..BlendParams::default() };
-        let sight = BlendParams { count: count * VISIBILITY_TEXELS, ..light };
+        let directions = plan.array("directions", rays as usize);
+        let probe_irradiance = plan.array("probe_irradiance", (count * IRRADIANCE_TEXELS) as usize);
+        let probe_visibility = plan.array("probe_visibility", (count * VISIBILITY_TEXELS) as usize);
+        let weights = plan.array("weights", (RAY_WEIGHTS * rays) as usize);
+        let brought = plan.array("rays", (count * rays) as usize);
+        let probes = tables.owned(plan, "probes", probes.to_vec());
+        let slices = ProbeSlices { probes, irradiance: probe_irradiance, visibility: probe_visibility };
+        let SceneTables { geometry, lights, .. } = *scene;
+        let trace =
+            TracePass { directions, probes, probe_irradiance, probe_visibility, geometry, lights, rays: brought };
+        let irradiance = BlendIrradiancePass { probes, weights, rays: brought, probe_irradiance };
+        let visibility = BlendVisibilityPass { probes, weights, rays: brought, probe_visibility };
+        let weight_params = WeightParams { count: RAY_WEIGHTS * rays, rays, exponent };
+        let trace_params = TraceParams { count: count * rays, rays, ..TraceParams::default() };
+        let light_params = BlendParams { count: count * IRRADIANCE_TEXELS, rays, ..BlendParams::default() };
+        let sight_params = BlendParams { count: count * VISIBILITY_TEXELS, ..light_params };
         let point_params = PointParams { count: 0, lookup: host.lookup_params(), ..PointParams::default() };
-        let irradiance = &table::DDGI_BLEND_IRRADIANCE;
-        let visibility = &table::DDGI_BLEND_VISIBILITY;
         Ok(Self {
             directions,
-            probe_irradiance,
-            probe_visibility,
-            weights: add_pass(plan, "weights", &table::DDGI_WEIGHTS, &own, &[], &weight, weight.count)?,
-            trace: add_pass(plan, "trace", &table::DDGI_TRACE, &own, shared, &trace, trace.count)?,
-            blend_irradiance: add_pass(plan, "blend irradiance", irradiance, &own, &[], &light, light.count)?,
-            blend_visibility: add_pass(plan, "blend visibility", visibility, &own, &[], &sight, sight.count)?,
-            view: LookupPass::add(plan, &own, point_params, in_view)?,
-            any: LookupPass::add(plan, &own, point_params, TOGETHER)?,
+            probes: slices,
+            weights: plan.add("weights", &WeightsPass { directions, weights }, &weight_params)?,
+            trace: plan.add("trace", &trace, &trace_params)?,
+            blend_irradiance: plan.add("blend irradiance", &irradiance, &light_params)?,
+            blend_visibility: plan.add("blend visibility", &visibility, &sight_params)?,
+            view: PointLookup::add(plan, slices, point_params, in_view)?,
+            any: PointLookup::add(plan, slices, point_params, BATCH)?,
             point_params,
         })
     }
 
     /// Dark probes, and the points in view.
     fn start(&self, executor: &mut dyn Executor, view: &[ViewedPoint]) -> Result<(), ExecutorError> {
-        executor.clear(self.probe_irradiance)?;
-        executor.clear(self.probe_visibility)?;
+        executor.clear(self.probes.irradiance.buffer)?;
+        executor.clear(self.probes.visibility.buffer)?;
         executor.upload(self.view.points, &lookup_points(view))
     }
 
@@ -197,27 +198,31 @@ impl ProbePasses {
         Ok(())
     }
 
-    /// Irradiance at no more than [`TOGETHER`] points, W/m².
+    /// Irradiance at no more than [`BATCH`] points, W/m².
     fn look_up(&self, executor: &mut dyn Executor, points: &[ViewedPoint]) -> Result<Vec<Vec3>, ExecutorError> {
-        let LookupPass { points: buffer, irradiance, pass } = self.any;
+        let PointLookup { points: buffer, irradiance, pass } = self.any;
         let count = points.len() as u32;
-        executor.upload_at(buffer, 0, bytemuck::cast_slice(&lookup_points(points)))?;
+        executor.upload_at(buffer.buffer, 0, bytemuck::cast_slice(&lookup_points(points)))?;
         executor.push(pass, &PointParams { count, ..self.point_params })?;
-        executor.set_elements(pass, count)?;
         executor.run_passes(&[pass])?;
-        let found: Vec<Vec4> = executor.download_table(irradiance)?;
+        let found = executor.download_table(irradiance)?;
         Ok(found[..points.len()].iter().map(|h| h.truncate()).collect())
     }
 }
 
-impl LookupPass {
+impl PointLookup {
     /// Adds the pass for so many points.
-    fn add(plan: &mut Plan, probes: &[Named], params: PointParams, count: usize) -> Result<Self, ExecutorError> {
-        let points = plan.storage("points", (count * size_of::<LookupPoint>()) as u64);
-        let irradiance = plan.storage("irradiance", rgb_bytes(count));
-        let own: [Named; 2] = [("points", points.into()), ("irradiance", irradiance.into())];
-        let params = PointParams { count: count as u32, ..params };
-        let pass = add_pass(plan, "lookup", &table::DDGI_LOOKUP, &own, probes, &params, params.count)?;
+    fn add(plan: &mut Plan, probes: ProbeSlices, params: PointParams, count: usize) -> Result<Self, ExecutorError> {
+        let points = plan.array("points", count);
+        let irradiance = plan.array("irradiance", count);
+        let lookup = LookupPass {
+            points,
+            probes: probes.probes,
+            probe_irradiance: probes.irradiance,
+            probe_visibility: probes.visibility,
+            irradiance,
+        };
+        let pass = plan.add("lookup", &lookup, &PointParams { count: count as u32, ..params })?;
         Ok(Self { points, irradiance, pass })
     }
 }

@@ -12,10 +12,8 @@ use glam::{Vec3, Vec4};
 use opponents::{ProxyFace, ProxyLookup, VoxelProxy};
 use rayon::prelude::*;
 use reference::Picture;
-use scene::{
-    Camera, DirectParams, LIGHT_RECT, Light, Lighting, Material, NONE, Scene, SceneParts, SidePolicy, SurfacePoint,
-    Triangle, TriangleUv, find_sides,
-};
+use scene::gpu::{DirectParams, LIGHT_RECT, Triangle, TriangleUv};
+use scene::{Camera, Light, Lighting, Material, NONE, Scene, SceneParts, SidePolicy, SurfacePoint, find_sides};
 
 use crate::error::Error;
 use crate::progress::{Progress, Steps};

@@ -11,7 +11,7 @@ use glam::{Vec2, Vec3, Vec4};
 gpu_kernels::kernels! {
     /// Weight of every ray in every texel of irradiance, then of visibility: [`blend::weight`]. One invocation per
     /// weight, those of a ray one after the other.
-    DDGI_WEIGHTS = "ddgi_weights"(p: WeightParams) for k in 0..count {
+    DDGI_WEIGHTS: WeightsPass = "ddgi_weights"(p: WeightParams) for k in 0..count {
         directions: read [Vec4; p.rays as usize],
         weights: write [f32],
     } each {
@@ -20,7 +20,7 @@ gpu_kernels::kernels! {
 
     /// Radiance along every ray of the probes: [`probe_ray`] of what [`bvh::closest_hit`] meets, with shadow rays by
     /// [`bvh::any_hit`]; nothing where the probe is off. One invocation per ray, those of a probe one after the other.
-    DDGI_TRACE = "ddgi_trace"(p: TraceParams) for k in 0..count {
+    DDGI_TRACE: TracePass = "ddgi_trace"(p: TraceParams) for k in 0..count {
         directions: read [Vec4; p.rays as usize],
         probes: read [Probe],
         probe_irradiance: read [Rgb],
@@ -44,7 +44,7 @@ gpu_kernels::kernels! {
 
     /// Irradiance in every texel of all probes after a frame, as its root: [`blend::blend_irradiance`]. One invocation
     /// per texel.
-    DDGI_BLEND_IRRADIANCE = "ddgi_blend_irradiance"(p: BlendParams) for k in 0..count {
+    DDGI_BLEND_IRRADIANCE: BlendIrradiancePass = "ddgi_blend_irradiance"(p: BlendParams) for k in 0..count {
         probes: read [Probe],
         weights: read [f32],
         rays: read [ProbeRay],
@@ -55,7 +55,7 @@ gpu_kernels::kernels! {
 
     /// Mean distance and mean square in every texel of all probes after a frame: [`blend::blend_visibility`]. One
     /// invocation per texel.
-    DDGI_BLEND_VISIBILITY = "ddgi_blend_visibility"(p: BlendParams) for k in 0..count {
+    DDGI_BLEND_VISIBILITY: BlendVisibilityPass = "ddgi_blend_visibility"(p: BlendParams) for k in 0..count {
         probes: read [Probe],
         weights: read [f32],
         rays: read [ProbeRay],
@@ -65,7 +65,7 @@ gpu_kernels::kernels! {
     }
 
     /// Indirect irradiance at every point, W/m²: [`irradiance_at`]. One invocation per point.
-    DDGI_LOOKUP = "ddgi_lookup"(p: PointParams) for k in 0..count {
+    DDGI_LOOKUP: LookupPass = "ddgi_lookup"(p: PointParams) for k in 0..count {
         points: read [LookupPoint; count],
         probes: read [Probe],
         probe_irradiance: read [Rgb],

@@ -38,9 +38,10 @@ use ::ddgi::{
 };
 use glam::{Mat3, Vec2, Vec3};
 use rayon::prelude::*;
+use scene::gpu::DirectParams;
 use scene::kernel::bvh::FAR;
 use scene::sampling::hash3;
-use scene::{DirectParams, Lighting, Rgb, Scene};
+use scene::{Lighting, Rgb, Scene};
 
 use crate::harmonics::{random_turn, spherical_fibonacci};
 use blend::Weights;

@@ -11,9 +11,10 @@
 
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
+use scene::gpu::{Triangle, TriangleUv};
 use scene::host::clip::{Layers, Polygon, cut_triangle};
 use scene::sampling::hammersley;
-use scene::{Hit, Material, NONE, Scene, SceneParts, SurfacePoint, Triangle, TriangleUv};
+use scene::{Hit, Material, NONE, Scene, SceneParts, SurfacePoint};
 
 use reference::Error;
 

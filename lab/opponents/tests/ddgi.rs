@@ -21,9 +21,9 @@ fn spaced(metres: f32) -> DdgiSettings {
 /// Indirect irradiance after so many frames in the dark and then in the scene's light.
 fn light(loaded: &LoadedScene, settings: DdgiSettings, dark: u32, frames: u32) -> Vec<Vec3> {
     let mut ddgi = Ddgi::new(&loaded.scene, settings).unwrap();
-    let go_on = |_, _| ControlFlow::Continue(());
-    assert!(ddgi.settle(&Lighting::default(), 1000, dark, go_on).unwrap());
-    assert!(ddgi.settle(&loaded.scene.lighting, 0, frames, go_on).unwrap());
+    let ignore_progress = |_, _| ControlFlow::Continue(());
+    assert!(ddgi.settle(&Lighting::default(), 1000, dark, ignore_progress).unwrap());
+    assert!(ddgi.settle(&loaded.scene.lighting, 0, frames, ignore_progress).unwrap());
     ddgi.irradiance_at(&points(loaded))
 }
 

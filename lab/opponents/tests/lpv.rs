@@ -9,8 +9,9 @@ use assets::procedural::build;
 use glam::{Vec3, vec3};
 use opponents::{Lpv, LpvSettings, ViewedPoint};
 use reference::Error;
+use scene::Light;
+use scene::gpu::LIGHT_POINT;
 use scene::math::luminance;
-use scene::{LIGHT_POINT, Light};
 use support::Builder;
 use viewed::{compare, points, traced};
 

@@ -7,9 +7,10 @@ use std::f32::consts::PI;
 use glam::{Vec3, vec3};
 use opponents::{ProxyLookup, VoxelProxy};
 use reference::{Error, PathSettings, PathTracer, Strategy};
+use scene::gpu::{LIGHT_DIRECTIONAL, Triangle};
 use scene::kernel::bvh::FAR;
 use scene::sampling::{hash3, unit};
-use scene::{LIGHT_DIRECTIONAL, Light, NONE, Scene, SceneParts, Triangle};
+use scene::{Light, NONE, Scene, SceneParts};
 use support::{Builder, furnace};
 
 /// Five voxels of 1/4 cover the unit cube with 1/8 to spare on each side.

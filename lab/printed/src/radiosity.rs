@@ -9,8 +9,9 @@ use patches::{Lookup, LookupSettings, PatchSet, SampleSet};
 use patchlight::bake::direct_params;
 use patchlight::{Error, Observer, Phase, Picture, PixelGather, run_phase};
 use rayon::prelude::*;
+use scene::gpu::DirectParams;
 use scene::sampling::hash3;
-use scene::{Camera, DirectParams, Lighting, NONE, Scene, SurfacePoint};
+use scene::{Camera, Lighting, NONE, Scene, SurfacePoint};
 use transport::{Dense, Proceed, Surfaces};
 
 use crate::lookup::light_at;

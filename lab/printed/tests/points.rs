@@ -5,7 +5,8 @@ use std::ops::ControlFlow;
 use formfactor::{Patch, PointToPoint, form_factors};
 use glam::Vec3;
 use printed::PrintedPoints;
-use scene::{Material, NONE, Scene, SceneParts, SurfacePoint, Triangle, TriangleUv};
+use scene::gpu::{Triangle, TriangleUv};
+use scene::{Material, NONE, Scene, SceneParts, SurfacePoint};
 use transport::Surfaces;
 
 #[test]

@@ -7,8 +7,8 @@ use formfactor::{Dense, Reciprocal, Solution, Stop, gauss_seidel, lu, reciprocal
 use glam::{Vec2, Vec2Swizzles, Vec3, Vec4};
 use patchlight::{Albedo, Bake, Error, FramePlan, Method, MethodReport};
 use runtime::executor::{Executor, PassTime};
-use runtime::plan::{BufferId, PassId};
-use scene::Hit;
+use runtime::plan::{PassId, Slice};
+use scene::{Hit, Rgb};
 
 use crate::hierarchical::{HierarchicalScene, HierarchicalSettings, HierarchicalSolution, hierarchical};
 use crate::monte_carlo::{Samples, random_walks, stochastic_jacobi};
@@ -101,11 +101,11 @@ const SHADOW_RAYS: u32 = 16;
 
 impl Sides {
     fn new(bake: &Arc<Bake>) -> Result<Self, Error> {
-        let mesh = &bake.mesh;
+        let mesh = &bake.mesh();
         if mesh.polygons.len() != mesh.patches.len() {
             return Err(formfactor::Error::NoOutlines { estimator: "hierarchical radiosity" }.into());
         }
-        let geometry = bake.scene.tables();
+        let geometry = bake.scene().tables();
         let mut sides =
             Self { bake: Arc::clone(bake), corners: Vec::new(), triangles: Vec::new(), of_patch: Vec::new() };
         for patch in &mesh.patches {
@@ -128,13 +128,14 @@ impl Sides {
     fn turned(&self, side: usize, at: Vec2) -> Vec2 {
         let [_, b, _] = self.corners[side];
         let triangle = self.triangles[side].0;
-        let is_turned = b != self.bake.scene.tables().position(triangle, 1.0, 0.0);
+        let is_turned = b != self.bake.scene().tables().position(triangle, 1.0, 0.0);
         if is_turned { at.yx() } else { at }
     }
 
     /// Exitance and irradiance of the patches, and how many passes that took.
     fn solve(&self, source: &[Vec4], albedo: &[Vec4], links: Links) -> Result<(Solution, LinkCount), Error> {
-        let Bake { scene, mesh, .. } = &*self.bake;
+        let scene = self.bake.scene();
+        let mesh = self.bake.mesh();
         let light = |side: usize, at: Vec2| {
             let (triangle, is_front) = self.triangles[side];
             let at = self.turned(side, at);
@@ -195,7 +196,7 @@ pub struct Solved {
     albedo: Vec<Vec4>,
     solver: Solver,
     factors: Factors,
-    buffers: Option<[BufferId; 2]>,
+    buffers: Option<[Slice<Rgb>; 2]>,
     bounce: Option<PassId>,
     link_count: LinkCount,
 }
@@ -206,8 +207,8 @@ impl Solved {
     /// # Errors
     /// Form factors that cannot be made reciprocal.
     pub fn new(solver: Solver, bake: &Arc<Bake>) -> Result<Self, Error> {
-        let own = &bake.form_factors.factors;
-        let both_ways = || reciprocal(own, &bake.mesh.areas());
+        let own = &bake.form_factors().factors;
+        let both_ways = || reciprocal(own, &bake.mesh().areas());
         let factors = match solver {
             Solver::GaussSeidel | Solver::Lu => Factors::Dense(own.to_dense()),
             Solver::Shooting => {
@@ -217,7 +218,7 @@ impl Solved {
             Solver::StochasticJacobi(_) | Solver::RandomWalks(_) => Factors::Sparse(both_ways()?),
             Solver::Hierarchical(links) => Factors::Sides(Sides::new(bake)?, links),
         };
-        let albedo = bake.mesh.albedo.clone();
+        let albedo = bake.mesh().albedo.clone();
         let link_count = LinkCount::default();
         Ok(Self { albedo, solver, factors, buffers: None, bounce: None, link_count })
     }
@@ -252,21 +253,21 @@ impl Solved {
 
     fn submit(&mut self, executor: &mut (dyn Executor + 'static)) -> Result<Vec<PassTime>, Error> {
         let Some([source, irradiance]) = self.buffers else { return Ok(Vec::new()) };
-        let source: Vec<Vec4> = executor.download_table(source)?;
+        let source = executor.download_table(source)?;
         let start = Instant::now();
         let (solution, link_count) = self.solution(&source)?;
         self.link_count = link_count;
         let milliseconds = start.elapsed().as_secs_f64() * 1e3;
         executor.upload(irradiance, &solution.irradiance)?;
         executor.submit_passes(self.bounce.as_slice())?;
-        Ok(vec![PassTime { name: "method".into(), milliseconds }])
+        Ok(vec![PassTime::of_host("method", milliseconds)])
     }
 }
 
 impl Method for Solved {
     fn add_passes(&mut self, frame: &mut FramePlan) -> Result<(), Error> {
         frame.start_from_source()?;
-        self.buffers = Some([frame.patches.source.buffer, frame.irradiance()]);
+        self.buffers = Some([frame.patches.source, frame.patches.irradiance]);
         self.bounce = Some(frame.bounce()?);
         Ok(())
     }

@@ -2,7 +2,8 @@
 
 use formfactor::Error;
 use glam::{Vec2, Vec3};
-use scene::{Material, Scene, SceneParts, Triangle, TriangleUv};
+use scene::gpu::{Triangle, TriangleUv};
+use scene::{Material, Scene, SceneParts};
 use solvers::{HierarchicalScene, HierarchicalSettings, HierarchicalSolution, hierarchical};
 
 /// Two triangles; the front is the side of `a × b`.

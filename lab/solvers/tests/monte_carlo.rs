@@ -17,7 +17,7 @@ fn factors() -> (Csr, Vec<f32>) {
         .with_estimator(Estimator::Hemisphere { rays: 512 })
         .with_receivers(ReceiverKind::Pixels);
     let bake = Bake::build(&scene, &settings, &Silent).unwrap();
-    let Reciprocal { factors, area, .. } = reciprocal(&bake.form_factors.factors, &bake.mesh.areas()).unwrap();
+    let Reciprocal { factors, area, .. } = reciprocal(&bake.form_factors().factors, &bake.mesh().areas()).unwrap();
     (factors, area)
 }
 

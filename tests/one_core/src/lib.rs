@@ -17,8 +17,9 @@ use glam::{Vec3, Vec4};
 use localmatrix::{Local, LocalSettings, Surface, Table, View};
 use multibounce::{Channels, Factors, LowRank, TileSide, TileSource, all_bounces, halving_order};
 use patches::{Density, MeshSettings, PatchKind, PatchMesh, lit_sampler};
+use scene::gpu::{BvhNode, DirectParams, LIGHT_POINT, Triangle, TriangleUv};
 use scene::sampling::hash;
-use scene::{BvhNode, DirectParams, LIGHT_POINT, Light, Material, NONE, Scene, SceneParts, Triangle, TriangleUv};
+use scene::{Light, Material, NONE, Scene, SceneParts};
 use temporal::{AliasTables, Packing, Settings, State};
 use transport::{Csr, HitCounts, LinearOperator, spatial_order};
 
@@ -138,13 +139,13 @@ fn first_exitance(scene: &Scene, mesh: &PatchMesh, results: &mut Results) -> Vec
 /// Form factors of both estimators; those of rays are made reciprocal, and the areas by which they are go with them.
 fn make_factors(scene: &Scene, mesh: &PatchMesh, results: &mut Results) -> Result<(Csr, Vec<f32>), Error> {
     let surfaces = mesh.surfaces(scene, 1);
-    let go_on = |_, _| ControlFlow::Continue(());
+    let ignore_progress = |_, _| ControlFlow::Continue(());
     let rays = Hemisphere { rays: 128 };
     let pairs = AreaToArea { samples: 8, sky_rays: 8 };
     let estimators: [(&str, &dyn Estimator); 2] = [("factors by pairs", &pairs), ("factors by rays", &rays)];
     let mut made = Csr::default();
     for (name, estimator) in estimators {
-        let rows = form_factors(estimator, &surfaces, &go_on)?;
+        let rows = form_factors(estimator, &surfaces, &ignore_progress)?;
         results.exact.push((name, hash_of_numbers(&rows.factors.values)));
         made = rows.factors.to_csr(0.0)?;
     }
@@ -248,8 +249,8 @@ fn sample(factors: &Csr, source: &[Vec4], albedo: &[Vec4], results: &mut Results
 
 /// Photons from first-lit surfaces.
 fn trace(scene: &Scene, results: &mut Results) -> Result<(), Error> {
-    let go_on = |_, _| ControlFlow::Continue(());
-    let emission = Emission::first_shot(scene, &LightElementSettings::default(), Texels::Mean, true, &go_on)?;
+    let ignore_progress = |_, _| ControlFlow::Continue(());
+    let emission = Emission::first_shot(scene, &LightElementSettings::default(), Texels::Mean, true, &ignore_progress)?;
     let maps = IlluminationMaps::new(scene, 0.5)?;
     let mut tracer = Tracer::new(scene, &emission, &maps, PhotonSettings { error: 0.1, ..PhotonSettings::default() })?;
     tracer.run(&|_| ControlFlow::Continue(()));

@@ -5,8 +5,9 @@ use ::ddgi::{
     VISIBILITY_TEXELS, WeightParams,
 };
 use glam::{UVec3, Vec2, Vec3, Vec4};
+use scene::Scene;
+use scene::gpu::DirectParams;
 use scene::kernel::bvh::FAR;
-use scene::{DirectParams, Scene};
 
 use super::{Random, Tables, buffer, call, points_in_space, room};
 

@@ -28,9 +28,10 @@ pub(super) fn own_tables(r: &mut Random, name: &str, scene: &Scene) -> (u32, Vec
 /// Photons from all kinds of elements onto a few cells of each triangle.
 fn trace(r: &mut Random, scene: &Scene) -> (u32, Vec<u8>, Tables) {
     let settings = LightElementSettings { elements: 2000, longest: 0.2, ..LightElementSettings::default() };
-    let go_on = |_, _| ControlFlow::Continue(());
+    let ignore_progress = |_, _| ControlFlow::Continue(());
     // Both ways to shoot together have all kinds of elements.
-    let mut emission = Emission::first_shot(scene, &settings, Texels::Bound, true, &go_on).expect("lights shine");
+    let mut emission =
+        Emission::first_shot(scene, &settings, Texels::Bound, true, &ignore_progress).expect("lights shine");
     let lamps = Emission::classical(scene).expect("lights shine");
     emission.elements.truncate(600);
     emission.elements.extend(&lamps.elements[..lamps.elements.len().min(600)]);

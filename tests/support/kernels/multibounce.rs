@@ -2,11 +2,11 @@
 
 use ::multibounce::kernel::blocks::{BLOCK, NO_ELEMENT};
 use ::multibounce::kernel::invert::{PIVOT_ROWS, PIVOT_VECTORS};
-use ::multibounce::kernel::multiply::{TILE_ROWS, TILE_VECTORS};
-use ::multibounce::kernel::tiles::{
+use ::multibounce::kernel::low_rank::{
     FACTOR_WORDS, GROUP_VECTORS, LANES, LIGHT_WORDS, NO_VECTOR, PAIRS, PARTS, PERMUTED_INDICES, RUN_GROUPS,
     RUN_INVOCATIONS, SPLITS, SUB_BLOCK_WORDS, TILE, U32X4S, chroma_weights,
 };
+use ::multibounce::kernel::multiply::{TILE_ROWS, TILE_VECTORS};
 use ::multibounce::{
     BlockCodec, BlockParams, Companding, FeedbackParams, InvertParams, MultiplyParams, PackedGroup, SubBlock,
     quantise_all, requantise_all,
@@ -125,7 +125,7 @@ pub(super) fn blocks(r: &mut Random, codec: BlockCodec, image: Option<ImageForma
 /// Elements, push constants and tables of a kernel.
 pub(super) fn own_tables(r: &mut Random, name: &str) -> (u32, Vec<u8>, Tables) {
     match name {
-        "multibounce_tiles_permute_in" => {
+        "multibounce_low_rank_permute_in" => {
             let patches = 200u32;
             let padded_rows = 256u32;
             let order: Vec<u32> = (0..patches).map(|p| p * 7 % patches).collect();
@@ -137,7 +137,7 @@ pub(super) fn own_tables(r: &mut Random, name: &str) -> (u32, Vec<u8>, Tables) {
             ];
             call(padded_rows, PermuteInParams { count: padded_rows, patches }, tables)
         }
-        "multibounce_tiles_quantise" => {
+        "multibounce_low_rank_quantise" => {
             let count = 2 * U32X4S;
             let dark = |mut colors: Vec<Vec4>| {
                 // One channel of a block is dark, and what is below 0 is rounded, too.
@@ -151,7 +151,7 @@ pub(super) fn own_tables(r: &mut Random, name: &str) -> (u32, Vec<u8>, Tables) {
             ];
             call(count, CountParams { count }, tables)
         }
-        "multibounce_tiles_requantise" => {
+        "multibounce_low_rank_requantise" => {
             let (groups, _) = tile_groups(r);
             let (paired, sums) = tile_sums(r, &groups);
             let count = TILE_RUNS.len() as u32 - 1;
@@ -163,7 +163,7 @@ pub(super) fn own_tables(r: &mut Random, name: &str) -> (u32, Vec<u8>, Tables) {
             ];
             call(count, CountParams { count }, tables)
         }
-        "multibounce_tiles_multiply_vt" => {
+        "multibounce_low_rank_multiply_vt" => {
             let (groups, words) = tile_groups(r);
             let n = groups.len() as u32;
             let count = RUN_INVOCATIONS * (TILE_RUNS.len() as u32 - 1);
@@ -180,7 +180,7 @@ pub(super) fn own_tables(r: &mut Random, name: &str) -> (u32, Vec<u8>, Tables) {
             ];
             call(count, MultiplyVtParams { chroma_axes: CHROMA_AXES, count, reserved: [0; 3] }, tables)
         }
-        "multibounce_tiles_multiply_u" => {
+        "multibounce_low_rank_multiply_u" => {
             let padded_rows = 2 * TILE;
             let runs = TILE_RUNS.len() as u32 - 1;
             let (groups, words) = tile_groups(r);
@@ -199,7 +199,7 @@ pub(super) fn own_tables(r: &mut Random, name: &str) -> (u32, Vec<u8>, Tables) {
             ];
             call(count, CountParams { count }, tables)
         }
-        "multibounce_tiles_dense_sparse" => {
+        "multibounce_low_rank_dense_sparse" => {
             let padded_rows = 2 * TILE;
             let sub_block_start = offsets(r, 2 * PARTS as usize);
             let count = sub_block_start[2 * PARTS as usize];
@@ -225,7 +225,7 @@ pub(super) fn own_tables(r: &mut Random, name: &str) -> (u32, Vec<u8>, Tables) {
             ];
             call(padded_rows / 8, CountParams { count: padded_rows / 8 }, tables)
         }
-        "multibounce_tiles_permute_out" => {
+        "multibounce_low_rank_permute_out" => {
             let n = 200u32;
             let permuted_index: Vec<u32> = (0..n).map(|i| i * 9 % 256).collect();
             let tables = vec![

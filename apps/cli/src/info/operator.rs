@@ -171,7 +171,7 @@ impl Operator {
             false => None,
         };
         let mut stored = vec![Stored::of("T", &subject, options, device.as_deref(), common.out.as_deref())?];
-        if options.codec == Storage::Tiles {
+        if options.codec == Storage::LowRank {
             stored.push(Stored::of("F", &subject, options, None, None)?);
         }
         let n = subject.mesh.patches.len();

@@ -15,8 +15,9 @@ pub enum Method {
     Classic,
     /// All bounces in one product with an operator that is stored as --codec says.
     Multibounce,
-    /// Short for --method multibounce --codec tiles.
-    Tiles,
+    /// Short for --method multibounce --codec low_rank.
+    #[value(name = "low_rank", alias = "tiles")]
+    LowRank,
     /// One product a frame with compressed form factors, from the light of the frame before.
     Feedback,
     /// A few samples a row and frame, from the light of the frame before: --samples, --blend, --control-variate.
@@ -36,7 +37,7 @@ impl Method {
         match self {
             Self::Classic => "classic",
             Self::Multibounce => "multibounce",
-            Self::Tiles => "tiles",
+            Self::LowRank => "low_rank",
             Self::Feedback => "feedback",
             Self::Temporal => "temporal",
             Self::Local => "local",

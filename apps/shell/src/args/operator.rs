@@ -31,11 +31,12 @@ pub enum Storage {
     /// Rank-1 terms, dense sub-blocks and sparse residuals in tiles, with the error that --epsilon
     /// says.
     #[default]
-    Tiles,
+    #[value(name = "low_rank", alias = "tiles")]
+    LowRank,
 }
 
 impl Storage {
-    /// The codec; tiles with this relative error.
+    /// The codec; the low-rank operator with this relative error.
     pub fn codec(self, epsilon: f64) -> Codec {
         match self {
             Self::Dense => Codec::Dense,
@@ -44,7 +45,7 @@ impl Storage {
             Self::Bc3 => Codec::Blocks(BlockCodec::Bc3),
             Self::Bc6h => Codec::Blocks(BlockCodec::Bc6h),
             Self::Bc7 => Codec::Blocks(BlockCodec::Bc7),
-            Self::Tiles => Codec::LowRank { epsilon },
+            Self::LowRank => Codec::LowRank { epsilon },
         }
     }
 }
@@ -108,10 +109,10 @@ pub struct OperatorOptions {
     /// matrix before and after it is reordered, and of the error of its compression.
     #[arg(long, help_heading = RESEARCH)]
     pub operator: bool,
-    /// Storage of the operator; with tiles also form factors for feedback.
+    /// Storage of the operator; with low_rank also form factors for feedback.
     #[arg(long, value_enum, default_value_t = Storage::default(), requires = "operator", help_heading = RESEARCH)]
     pub codec: Storage,
-    /// Relative error of tiles, in the sense of Frobenius.
+    /// Relative error of low_rank, in the sense of Frobenius.
     #[arg(long, default_value_t = 0.01, value_parser = parse_epsilon, requires = "operator", help_heading = "Method")]
     pub epsilon: f64,
     /// Requested decoder of texture blocks in frames on the device.
@@ -128,10 +129,10 @@ pub struct OperatorSettings {
     /// file beside the results.
     #[arg(long, value_name = "BYTES", value_parser = parse_bytes, help_heading = "Bake")]
     pub memory_limit: Option<u64>,
-    /// Storage of the operator (multibounce) [default: tiles; of a bake: as it is there].
+    /// Storage of the operator (multibounce) [default: low_rank; of a bake: as it is there].
     #[arg(long, value_enum, help_heading = RESEARCH)]
     pub codec: Option<Storage>,
-    /// Error of compressed operators (tiles, feedback) [default: 0.01].
+    /// Error of compressed operators (low_rank, feedback) [default: 0.01].
     ///
     /// Relative, in the Frobenius norm. Of a bake the default is the error that its operator has.
     #[arg(long, value_name = "E", value_parser = parse_epsilon, help_heading = "Method")]
@@ -149,8 +150,8 @@ impl OperatorSettings {
         self.codec.unwrap_or_default().codec(self.error())
     }
 
-    /// That of --method tiles.
-    pub fn tiles(&self) -> Codec {
+    /// That of --method low_rank.
+    pub fn low_rank(&self) -> Codec {
         Codec::LowRank { epsilon: self.error() }
     }
 

@@ -5,8 +5,9 @@ use std::path::Path;
 
 use glam::{Vec2, Vec3};
 use image::{DynamicImage, ImageFormat};
+use scene::gpu::{Texture, TriangleUv};
 use scene::kernel::shade::encode_srgb;
-use scene::{NONE, Texture, TriangleUv, stops_to_scale};
+use scene::{NONE, stops_to_scale};
 use serde_json::{Value, json};
 
 use super::{SceneFiles, byte, corners, encode, level_0, material_names, one_line, picture};

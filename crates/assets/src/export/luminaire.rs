@@ -2,7 +2,8 @@
 
 use std::fmt::Write as _;
 
-use scene::{Distribution, LIGHT_LUMINAIRE, Lighting};
+use scene::gpu::LIGHT_LUMINAIRE;
+use scene::{Distribution, Lighting};
 
 /// Name of the file that holds the distribution which begins at a place of the scene's table.
 pub fn file_name(name: &str, distribution: u32) -> String {

@@ -1,7 +1,8 @@
 //! Lights and the camera over time.
 
 use glam::Vec3;
-use scene::{LIGHT_DIRECTIONAL, LIGHT_POINT, Light};
+use scene::Light;
+use scene::gpu::{LIGHT_DIRECTIONAL, LIGHT_POINT};
 use serde::{Deserialize, Serialize};
 
 use super::{LoadedScene, View};

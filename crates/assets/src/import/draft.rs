@@ -6,7 +6,8 @@ use std::time::Instant;
 
 use glam::{Vec2, Vec3, Vec4};
 use rayon::prelude::*;
-use scene::{LIGHT_DIRECTIONAL, Light, Material, NONE, Scene, SceneParts, Sky, Triangle, TriangleUv};
+use scene::gpu::{LIGHT_DIRECTIONAL, Triangle, TriangleUv};
+use scene::{Light, Material, NONE, Scene, SceneParts, Sky};
 use sha2::{Digest, Sha256};
 
 use super::lights::QUANTITY_LIMIT;

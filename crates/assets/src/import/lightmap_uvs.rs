@@ -4,7 +4,7 @@ use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
 use bytemuck::{Pod, Zeroable};
 use glam::{Vec2, Vec3};
-use scene::{Triangle, TriangleUv};
+use scene::gpu::{Triangle, TriangleUv};
 
 /// A triangle of a file and its place in the atlas.
 #[repr(C)]

@@ -1,8 +1,9 @@
 //! Lights from numbers of a file, checked.
 
 use glam::Vec3;
+use scene::gpu::{LIGHT_DIRECTIONAL, LIGHT_LUMINAIRE, LIGHT_POINT, LIGHT_RECT, LIGHT_SPOT};
 use scene::math::luminance;
-use scene::{LIGHT_DIRECTIONAL, LIGHT_LUMINAIRE, LIGHT_POINT, LIGHT_RECT, LIGHT_SPOT, LUMENS_PER_WATT, Light};
+use scene::{LUMENS_PER_WATT, Light};
 
 /// Sky of a mesh that has no light of its own, W/m²/sr.
 pub const DEFAULT_SKY: Vec3 = Vec3::new(0.6, 0.8, 1.2);

@@ -11,9 +11,10 @@ use std::sync::Arc;
 use glam::{Vec3, Vec4};
 use image::{DynamicImage, ImageDecoder as _, ImageReader};
 use rayon::prelude::*;
+use scene::NONE;
+use scene::gpu::Texture;
 use scene::host::{Halver, Pyramid, half};
 use scene::kernel::shade::decode_srgb;
-use scene::{NONE, Texture};
 use sha2::{Digest, Sha256};
 
 use super::draft::MaterialDraft;

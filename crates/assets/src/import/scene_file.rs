@@ -4,7 +4,8 @@ use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 use glam::Vec3;
-use scene::{LIGHT_DIRECTIONAL, LIGHT_POINT, Light, NONE, Sky};
+use scene::gpu::{LIGHT_DIRECTIONAL, LIGHT_POINT};
+use scene::{Light, NONE, Sky};
 use serde::Deserialize;
 use toml::Spanned;
 
@@ -463,7 +464,7 @@ fn build_track(t: &AnimationTable, lights: &[Light], scale: f32) -> Result<Track
             };
             match property {
                 "position" if light.kind != LIGHT_DIRECTIONAL => Target::LightPosition(index),
-                "direction" if light.kind <= scene::LIGHT_SPOT && light.kind != LIGHT_POINT => {
+                "direction" if light.kind <= scene::gpu::LIGHT_SPOT && light.kind != LIGHT_POINT => {
                     Target::LightDirection(index)
                 }
                 "color" => Target::LightColor(index),

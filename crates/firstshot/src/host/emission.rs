@@ -6,12 +6,13 @@ use core::f32::consts::{PI, TAU};
 use glam::{Vec2, Vec3};
 #[cfg(not(feature = "std"))]
 use num_traits::Float as _;
+use scene::gpu::{LIGHT_DIRECTIONAL, LIGHT_RECT, LIGHT_SPOT};
 use scene::kernel::bvh::FAR;
 use scene::kernel::light::{sky_radiance, spot_falloff};
 use scene::math::{luminance, sin_cos_2pi};
 use scene::parallel::*;
 use scene::sampling::uniform_triangle;
-use scene::{LIGHT_DIRECTIONAL, LIGHT_RECT, LIGHT_SPOT, NONE, Scene};
+use scene::{NONE, Scene};
 
 use super::Proceed;
 use super::alias::alias_table;
@@ -285,7 +286,7 @@ struct Brightest {
 
 impl Brightest {
     fn new(scene: &Scene, texels: Texels) -> Self {
-        let greatest = |texture: &scene::Texture| {
+        let greatest = |texture: &scene::gpu::Texture| {
             let texel = |k: u32| scene::kernel::texture::texel(&scene.geometry.texels, texture.offset + k).truncate();
             (0..texture.width * texture.height).map(texel).fold(Vec3::ZERO, Vec3::max)
         };

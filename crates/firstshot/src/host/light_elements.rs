@@ -9,9 +9,10 @@ use core::cell::Cell;
 use core::sync::atomic::{AtomicUsize, Ordering};
 
 use glam::{Vec2, Vec3};
+use scene::gpu::LIGHT_RECT;
 use scene::math::luminance;
 use scene::parallel::*;
-use scene::{LIGHT_RECT, Ray, Scene};
+use scene::{Ray, Scene};
 
 use self::refinement::{Refinement, Rule};
 use self::side::{Side, inwards, left, stopped_on_host};

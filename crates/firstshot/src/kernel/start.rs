@@ -3,13 +3,14 @@
 use core::f32::consts::TAU;
 
 use glam::{Vec3, Vec4};
+use scene::gpu::{LIGHT_LUMINAIRE, LIGHT_SPOT};
 use scene::kernel::bvh::FAR;
 use scene::kernel::light::{luminaire_share, sky_radiance, spot_falloff, unoccluded};
 use scene::kernel::medium::transmittance;
 use scene::kernel::specular::specular_parts;
 use scene::math::{abs, luminance, sin_cos_2pi, sqrt};
 use scene::sampling::{cosine_hemisphere, frame, uniform_triangle, unit, wide_product};
-use scene::{GeometryTables, LIGHT_LUMINAIRE, LIGHT_SPOT, Light, Sky};
+use scene::{GeometryTables, Light, Sky};
 
 use super::linear::{interpolate, linear_point, linear_point_by_cardano};
 use super::sequence::{Sequence, StartWords};

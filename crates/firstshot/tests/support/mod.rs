@@ -7,9 +7,8 @@ use glam::{Vec2, Vec3};
 use patchlight_firstshot::{
     Emission, Estimate, IlluminationMaps, LightElementSettings, PhotonAccumulator, PhotonSettings, Texels, Tracer,
 };
-use scene::{
-    LIGHT_DIRECTIONAL, LIGHT_POINT, LIGHT_SPOT, Light, Material, Scene, SceneParts, Texture, Triangle, TriangleUv,
-};
+use scene::gpu::{LIGHT_DIRECTIONAL, LIGHT_POINT, LIGHT_SPOT, Texture, Triangle, TriangleUv};
+use scene::{Light, Material, Scene, SceneParts};
 
 /// Two triangles; the front is the side of `a × b`.
 pub fn quad(corner: Vec3, a: Vec3, b: Vec3, material: u32) -> [Triangle; 2] {
@@ -85,12 +84,12 @@ pub fn scene(triangles: Vec<Triangle>, materials: Vec<Material>, lights: Vec<Lig
     Scene::new(SceneParts { triangles, uvs, materials, lights, ..SceneParts::default() }).unwrap()
 }
 
-pub fn go_on(_: usize, _: usize) -> ControlFlow<()> {
+pub fn ignore_progress(_: usize, _: usize) -> ControlFlow<()> {
     ControlFlow::Continue(())
 }
 
 pub fn first_shot(scene: &Scene) -> Emission {
-    Emission::first_shot(scene, &LightElementSettings::default(), Texels::Mean, true, &go_on).unwrap()
+    Emission::first_shot(scene, &LightElementSettings::default(), Texels::Mean, true, &ignore_progress).unwrap()
 }
 
 /// All photons, whatever the error.

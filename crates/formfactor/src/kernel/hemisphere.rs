@@ -5,8 +5,8 @@ use glam::Vec3;
 use scene::sampling::{cosine_hemisphere, hash3, sobol2, unit};
 use scene::{GeometryTables, Hit, NONE, SurfacePoint};
 
-use super::grid::owner;
 use crate::types::{HemisphereParams, TriangleGrid};
+use transport::kernel::grid::owner;
 
 /// Columns of a row beyond the patches: the sky, and hits that no patch owns.
 pub const EXTRA_COLUMNS: u32 = 2;

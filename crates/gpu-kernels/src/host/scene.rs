@@ -1,7 +1,8 @@
 //! Host forms of the kernels of direct light.
 
+use ::scene::gpu::DirectParams;
 use ::scene::kernel::{bvh, light};
-use ::scene::{DirectParams, Light, NONE, SurfacePoint};
+use ::scene::{Light, NONE, SurfacePoint};
 use glam::Vec3;
 use rayon::prelude::*;
 
@@ -9,7 +10,7 @@ use super::{HostCall, HostError, geometry, named};
 use crate::table::Kernel;
 
 /// Points that a core takes at once: rays from near by to one light are likely to end at the same surface.
-const TOGETHER: usize = 256;
+const BATCH: usize = 256;
 
 /// Light by light, so that rays which follow each other go the same way.
 pub(crate) fn direct_shares(kernel: &Kernel, call: &mut HostCall) -> Result<(), HostError> {
@@ -27,23 +28,21 @@ pub(crate) fn direct_shares(kernel: &Kernel, call: &mut HostCall) -> Result<(), 
     let occluders = occluders.write::<u32>(slots * n)?;
     for &slot in changed {
         let of_light = slot as usize * n..(slot as usize + 1) * n;
-        let parts = shares[of_light.clone()].par_chunks_mut(TOGETHER);
-        let parts = parts.zip(occluders[of_light].par_chunks_mut(TOGETHER)).zip(points.par_chunks(TOGETHER));
+        let parts = shares[of_light.clone()].par_chunks_mut(BATCH);
+        let parts = parts.zip(occluders[of_light].par_chunks_mut(BATCH)).zip(points.par_chunks(BATCH));
         parts.enumerate().for_each(|(part, ((shares, occluders), points))| {
             let mut before = NONE;
             for (k, ((share, own), &point)) in shares.iter_mut().zip(occluders).zip(points).enumerate() {
-                let at = p.first + (part * TOGETHER + k) as u32;
-                let mut last = own.wrapping_sub(1);
-                let stopped = |origin: Vec3, direction: Vec3, t_max: f32| {
+                let at = p.first + (part * BATCH + k) as u32;
+                let find = |origin: Vec3, direction: Vec3, t_max: f32, last: u32| {
                     let occluder = bvh::host_occluder(&geometry, origin, direction, t_max, [last, before]);
                     if occluder != NONE {
-                        (last, before) = (occluder, occluder);
+                        before = occluder;
                     }
-                    occluder != NONE
+                    occluder
                 };
                 let lamp = &lights[slot as usize];
-                *share = light::irradiance_share(&p, at, slot, lamp, distributions, point, stopped);
-                *own = last.wrapping_add(1);
+                (*share, *own) = light::share_and_occluder(&p, at, slot, lamp, distributions, point, *own, find);
             }
         });
     }

@@ -2,17 +2,18 @@
 
 use std::vec::Vec;
 
-use ::formfactor::kernel::view::{is_needed, needed, pixel_vertices};
 use ::formfactor::{ReceiverCell, TriangleGrid, ViewParams};
-use ::scene::{Hit, NONE, Rgb, SurfacePoint, Triangle};
+use ::scene::gpu::Triangle;
+use ::scene::{Hit, NONE, Rgb, SurfacePoint};
+use ::transport::kernel::view::{is_needed, needed, pixel_vertices};
 use rayon::prelude::*;
 
-use super::formfactor::HitRows;
+use super::transport::HitRows;
 use super::{Bound, HostCall, HostError};
 use crate::table::Kernel;
 
 /// Rows that a core takes at once.
-const TOGETHER: usize = 4096;
+const BATCH: usize = 4096;
 /// Rows whose marks are looked at together.
 const PACK: usize = 64;
 /// Parts for each core of what is marked: each has a set of its own.
@@ -20,7 +21,7 @@ const PARTS: usize = 4;
 
 /// Rows or pixels of a part.
 fn part_of(count: usize) -> usize {
-    count.div_ceil(PARTS * rayon::current_num_threads()).max(TOGETHER)
+    count.div_ceil(PARTS * rayon::current_num_threads()).max(BATCH)
 }
 
 /// Rows by number, a bit each: every part of the work collects its own, then they are united.
@@ -45,7 +46,7 @@ impl RowSet {
 
     /// Marks the rows for a view.
     fn mark(&self, marks: &mut [u32], view: u32) {
-        marks.par_chunks_mut(64 * TOGETHER).zip(self.0.par_chunks(TOGETHER)).for_each(|(marks, words)| {
+        marks.par_chunks_mut(64 * BATCH).zip(self.0.par_chunks(BATCH)).for_each(|(marks, words)| {
             for (marks, &word) in marks.chunks_mut(64).zip(words) {
                 let mut left = word;
                 while left != 0 {
@@ -129,7 +130,7 @@ pub(super) fn gather_view(
     let computed = computed.write::<u32>(n)?;
     let irradiance = irradiance.write::<Rgb>(n)?;
     let parts = computed.par_chunks_mut(PACK).zip(irradiance.par_chunks_mut(PACK)).zip(marks.par_chunks(PACK));
-    parts.with_min_len(TOGETHER / PACK / 8).enumerate().for_each(|(pack, ((computed, irradiance), marks))| {
+    parts.with_min_len(BATCH / PACK / 8).enumerate().for_each(|(pack, ((computed, irradiance), marks))| {
         // Most rows are out of view, and their neighbours with them.
         if !marks.iter().fold(false, |any, &mark| any | is_needed(mark, of.view)) {
             return;

@@ -99,8 +99,9 @@ pub struct Kernel {
     pub spv: &'static [u8],
     /// Invocations of a workgroup (`LocalSize`, one-dimensional).
     pub workgroup: u32,
-    /// Elements that one workgroup takes; the number of workgroups is [`Kernel::groups`].
-    pub elements_per_group: u32,
+    /// Invocations that one workgroup takes; rows, where a workgroup shares them. The number of workgroups is
+    /// [`Kernel::groups`].
+    pub per_group: u32,
     /// Bytes of push constants, at most 128.
     pub push_bytes: u32,
     /// Position of the number of invocations in the push constants: offsets of one number, or of two whose product it
@@ -124,16 +125,16 @@ pub type Invocation = fn(&Kernel, &mut HostCall, UVec3, UVec3) -> Result<(), Hos
 pub const MAX_GROUPS_X: u32 = 65_535;
 
 impl Kernel {
-    /// Workgroups `[x, y, z]` of a dispatch over `elements` elements. Beyond [`MAX_GROUPS_X`] the dispatch goes on in
+    /// Workgroups `[x, y, z]` of so many invocations. Beyond [`MAX_GROUPS_X`] the dispatch goes on in
     /// further rows; the kernels number their invocations accordingly.
-    pub fn groups(&self, elements: u32) -> [u32; 3] {
-        let groups = elements.div_ceil(self.elements_per_group);
+    pub fn groups(&self, invocations: u32) -> [u32; 3] {
+        let groups = invocations.div_ceil(self.per_group);
         let x = groups.clamp(1, MAX_GROUPS_X);
         [x, groups.div_ceil(x), u32::from(groups > 0)]
     }
 
-    /// Number of elements that push constants say; `None` when they are too short.
-    pub fn elements(&self, push: &[u8]) -> Option<u32> {
+    /// Number of invocations that push constants say; `None` when they are too short.
+    pub fn invocations(&self, push: &[u8]) -> Option<u32> {
         self.counts.iter().try_fold(1u32, |product, &offset| {
             let word: [u8; 4] = push.get(offset..offset + 4)?.try_into().ok()?;
             Some(product.saturating_mul(u32::from_ne_bytes(word)))

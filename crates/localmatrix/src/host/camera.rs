@@ -86,7 +86,7 @@ pub struct CameraMatrix {
 }
 
 impl CameraMatrix {
-    /// The matrix for a camera at `eye` in a world; leaf k of the world is the patch `order[k]`. `go_on` is told the
+    /// The matrix for a camera at `eye` in a world; leaf k of the world is the patch `order[k]`. `ignore_progress` is told the
     /// share that is done, and answers whether to go on.
     ///
     /// # Errors
@@ -96,7 +96,7 @@ impl CameraMatrix {
         order: Vec<u32>,
         settings: &CameraSettings,
         eye: Vec3,
-        go_on: &dyn Fn(f32) -> bool,
+        ignore_progress: &dyn Fn(f32) -> bool,
     ) -> Result<Self, Error> {
         let local_settings = LocalSettings {
             slots: settings.slots.min(order.len()).max(1).next_multiple_of(SLOT_STEP),
@@ -109,7 +109,7 @@ impl CameraMatrix {
         let most = Cell::new(0);
         let share = |done: usize| {
             most.set(done.max(most.get()));
-            go_on(most.get() as f32 / local_settings.slots as f32)
+            ignore_progress(most.get() as f32 / local_settings.slots as f32)
         };
         local.settle(&mut *world, View { eye, predicted: eye }, &share)?;
         Ok(Self {

@@ -17,7 +17,7 @@ use crate::kernel::{fade, is_some, mean, spread};
 use crate::types::FadeParams;
 
 /// Nodes that enter as one border: more take more memory, fewer more time.
-const TOGETHER: usize = 32;
+const BATCH: usize = 32;
 /// Distances below so many edges of a patch are all alike.
 const NEAR: f32 = 2.0;
 /// Rounds of [`Local::settle`] in which no row is missing: each makes all changes but those that do not fit at once.
@@ -441,7 +441,7 @@ impl Local {
 
     /// Borders the matrix with nodes whose rows are there.
     fn add(&mut self, nodes: &[Node], enter: &[u32]) -> Result<(), Error> {
-        for some in enter.chunks(TOGETHER) {
+        for some in enter.chunks(BATCH) {
             let mut all: Vec<u32> = self.cut.iter().chain(&self.ghosts).chain(some).copied().collect();
             all.sort_unstable_by_key(|&node| self.forest.run(node));
             // A ghost that comes back is there twice.
@@ -473,16 +473,21 @@ impl Local {
     }
 
     /// Steps without a budget until the nodes are those that suit the camera: before the first frame. Each step waits
-    /// until all rows of its choice are there, so that the result is the same however fast they come. `go_on(done)` is
+    /// until all rows of its choice are there, so that the result is the same however fast they come. `ignore_progress(done)` is
     /// told how many rows are there and says whether to go on. Returns the work.
     ///
     /// # Errors
     /// As [`Self::apply`]; [`Error::Cancelled`].
-    pub fn settle(&mut self, world: &mut dyn World, view: View, go_on: &dyn Fn(usize) -> bool) -> Result<Step, Error> {
+    pub fn settle(
+        &mut self,
+        world: &mut dyn World,
+        view: View,
+        ignore_progress: &dyn Fn(usize) -> bool,
+    ) -> Result<Step, Error> {
         let mut whole = Step::default();
         let mut rounds = 0;
         loop {
-            if !go_on(self.rows.len().min(self.settings.slots)) {
+            if !ignore_progress(self.rows.len().min(self.settings.slots)) {
                 return Err(Error::Cancelled);
             }
             // In parts, so that one can see it go on.

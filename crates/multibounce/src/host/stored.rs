@@ -13,7 +13,7 @@ use std::vec::Vec;
 use faer::Mat;
 use transport::check_length;
 
-use super::tiles::SIDE;
+use super::low_rank::SIDE;
 use crate::error::Error;
 
 pub use build::{all_bounces_stored, some_bounces_stored};

@@ -4,7 +4,7 @@ use alloc::vec::Vec;
 
 use glam::{Vec3, Vec4};
 
-use crate::kernel::tiles::TILE;
+use crate::kernel::low_rank::TILE;
 
 /// [`transport::spatial_order`] that cuts at multiples of [`TILE`]: `order[p]` is the patch at
 /// permuted index p.

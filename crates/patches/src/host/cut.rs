@@ -8,8 +8,9 @@ use alloc::vec;
 use alloc::vec::Vec;
 
 use glam::{DVec3, Vec2, Vec3};
+use scene::gpu::{BvhNode, Triangle, TriangleUv};
 use scene::parallel::*;
-use scene::{BvhNode, Scene, SceneParts, Triangle, TriangleUv};
+use scene::{Scene, SceneParts};
 
 use super::focus::{Density, corners};
 

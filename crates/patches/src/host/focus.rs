@@ -7,10 +7,11 @@ use alloc::vec::Vec;
 use glam::{DVec3, Vec3};
 #[cfg(not(feature = "std"))]
 use num_traits::Float as _;
+use scene::gpu::Triangle;
 use scene::kernel::walk::LIT;
 use scene::parallel::*;
 use scene::sampling::{cosine_hemisphere, hash3, uniform_triangle, unit};
-use scene::{Scene, SurfacePoint, Triangle, Visibility, part_taken};
+use scene::{Scene, SurfacePoint, Visibility, reachability};
 
 use crate::error::Error;
 
@@ -354,7 +355,7 @@ fn first_walkers(scene: &Scene, seed: u32) -> Vec<Walker> {
         let place = SurfacePoint { position, patch: k as u32, normal, weight: 0.0 };
         let takes_part = normal.is_finite()
             && !geometry.is_hole(triangle as u32, u, v)
-            && part_taken(scene, &place, LIT_WALKS, seed) == LIT;
+            && reachability(scene, &place, LIT_WALKS, seed) == LIT;
         takes_part.then_some(Walker { position, normal, weight: (1.0 / density) as f32 })
     };
     (0..WALKERS).into_par_iter().filter_map(start).collect()

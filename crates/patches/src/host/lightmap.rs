@@ -7,8 +7,9 @@ use alloc::vec::Vec;
 use glam::{UVec2, Vec2, Vec3, Vec4};
 #[cfg(not(feature = "std"))]
 use num_traits::Float as _;
+use scene::gpu::TriangleUv;
 use scene::parallel::*;
-use scene::{GeometryTables, Hit, NONE, ReceiverSet, Scene, Sides, SurfacePoint, TriangleUv};
+use scene::{GeometryTables, Hit, NONE, ReceiverSet, Scene, Sides, SurfacePoint};
 
 use self::charts::{Chart, ChartTriangle, charts, given_chart, overlapping};
 use crate::error::Error;

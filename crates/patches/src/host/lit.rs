@@ -3,10 +3,11 @@
 use alloc::vec::Vec;
 
 use glam::Vec3;
+use scene::gpu::Triangle;
 use scene::kernel::walk::{APART, DARK, LIT};
 use scene::parallel::*;
 use scene::sampling::{hash3, uniform_triangle, unit};
-use scene::{POINT_WALKS, Ray, Scene, SurfacePoint, Triangle, part_taken};
+use scene::{POINT_WALKS, Ray, Scene, SurfacePoint, reachability};
 use transport::check_length;
 
 use super::focus::Density;
@@ -31,11 +32,11 @@ const DARK_DISTANCE: f32 = 1.0;
 
 /// Who walks from places to light, and looks from place to place, in the host's stead.
 pub trait Walker: Sync {
-    /// Result of [`scene::part_taken`] for each place, by so many walks.
+    /// Result of [`scene::reachability`] for each place, by so many walks.
     ///
     /// # Errors
     /// [`Error::Rows`] with the walker's own.
-    fn parts_taken(&self, scene: &Scene, places: &[SurfacePoint], walks: u32, seed: u32) -> Result<Vec<u32>, Error>;
+    fn reachability(&self, scene: &Scene, places: &[SurfacePoint], walks: u32, seed: u32) -> Result<Vec<u32>, Error>;
 
     /// 1 for each ray that something stops, else 0.
     ///
@@ -92,7 +93,7 @@ impl<'a> LitSampler<'a> {
         let probe_edge = scene::math::sqrt((total_area / probe_samples.len() as f64) as f32);
         let places: Vec<SurfacePoint> =
             (0u32..).zip(&probe_samples).map(|(k, sample)| place_of(sample, &density, k)).collect();
-        let parts = parts_taken(walker, scene, &places, POINT_WALKS, seed)?;
+        let parts = reachability_of(walker, scene, &places, POINT_WALKS, seed)?;
         // What lies in a narrow gap does not speak for the surface that covers it.
         let is_covered = probe_samples.par_iter().map(|sample| is_sample_covered(scene, sample));
         let found = is_covered.collect::<Vec<bool>>().into_iter().zip(probe_samples.into_iter().zip(parts));
@@ -182,7 +183,7 @@ impl<'a> LitSampler<'a> {
         let open: Vec<usize> = (0..samples.len()).filter(|&k| asked[k].answer.is_none()).collect();
         let place = |&k: &usize| place_of(&samples[k], &self.density, number(k, &samples[k]));
         let places: Vec<SurfacePoint> = open.iter().map(place).collect();
-        let parts = parts_taken(self.walker, self.scene, &places, WALKS, seed)?;
+        let parts = reachability_of(self.walker, self.scene, &places, WALKS, seed)?;
         let settled: Vec<bool> =
             open.par_iter().zip(parts).map(|(&k, part)| self.is_settled(&samples[k], &asked[k], part)).collect();
         let mut lit: Vec<bool> = asked.iter().map(|asked| asked.answer == Some(true)).collect();
@@ -234,8 +235,8 @@ fn place_number(sample: &Sample) -> u32 {
     hash3(x, y, z)
 }
 
-/// [`scene::part_taken`] of places, by a walker or on all cores of the host.
-fn parts_taken(
+/// [`scene::reachability`] of places, by a walker or on all cores of the host.
+fn reachability_of(
     walker: Option<&dyn Walker>,
     scene: &Scene,
     places: &[SurfacePoint],
@@ -243,8 +244,8 @@ fn parts_taken(
     seed: u32,
 ) -> Result<Vec<u32>, Error> {
     match walker {
-        Some(walker) if !places.is_empty() => walker.parts_taken(scene, places, walks, seed),
-        _ => Ok(places.par_iter().map(|place| part_taken(scene, place, walks, seed)).collect()),
+        Some(walker) if !places.is_empty() => walker.reachability(scene, places, walks, seed),
+        _ => Ok(places.par_iter().map(|place| reachability(scene, place, walks, seed)).collect()),
     }
 }
 
@@ -257,7 +258,7 @@ pub(super) fn are_open(
     walks: u32,
 ) -> Result<Vec<bool>, Error> {
     let walks_alone: Vec<SurfacePoint> = places.iter().map(|place| SurfacePoint { weight: -1.0, ..*place }).collect();
-    let parts = parts_taken(walker, scene, &walks_alone, walks, 0)?;
+    let parts = reachability_of(walker, scene, &walks_alone, walks, 0)?;
     check_length("parts", places.len(), parts.len())?;
     Ok(parts.into_iter().map(|part| part == LIT).collect())
 }

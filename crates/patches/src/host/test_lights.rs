@@ -5,10 +5,11 @@ use alloc::vec;
 use alloc::vec::Vec;
 
 use glam::{Vec3, Vec4};
+use scene::gpu::{DirectParams, LIGHT_DIRECTIONAL};
 use scene::math::luminance;
 use scene::parallel::*;
 use scene::sampling::{frame, hammersley};
-use scene::{DirectParams, LIGHT_DIRECTIONAL, Scene, SurfacePoint, sky_exitance};
+use scene::{Scene, SurfacePoint, sky_exitance};
 use transport::{HitCounts, LinearOperator, QUADRANTS};
 
 use super::focus::Density;

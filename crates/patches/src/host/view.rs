@@ -8,10 +8,11 @@ use alloc::vec::Vec;
 
 use glam::Vec3;
 use scene::double::ln;
+use scene::gpu::{DirectParams, LIGHT_DIRECTIONAL};
 use scene::math::luminance;
 use scene::parallel::*;
 use scene::sampling::{cosine_hemisphere, frame, hammersley, hash3};
-use scene::{DirectParams, LIGHT_DIRECTIONAL, NONE, Scene, SurfacePoint};
+use scene::{NONE, Scene, SurfacePoint};
 
 use super::focus::Density;
 use super::lit::LitSampler;

@@ -16,7 +16,7 @@ use crate::types::WeightParams;
 /// Most rows of a block.
 const MAX_BLOCK_ROWS: usize = 16;
 /// Rows that are packed together on all cores.
-const ROWS_TOGETHER: usize = 1 << 16;
+const ROWS_PER_BATCH: usize = 1 << 16;
 
 /// A receiver's share of a value.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -63,8 +63,8 @@ impl PackedWeights {
         }
         let mut packed = Self { block_rows: block_rows as u32, ..Self::default() };
         let mut units: Vec<u16> = Vec::new();
-        for first in (0..rows).step_by(ROWS_TOGETHER) {
-            let end = rows.min(first + ROWS_TOGETHER);
+        for first in (0..rows).step_by(ROWS_PER_BATCH) {
+            let end = rows.min(first + ROWS_PER_BATCH);
             let starts = (first..end).into_par_iter().step_by(block_rows);
             let blocks: Result<Vec<Block>, Error> =
                 starts.map(|start| Block::new(start, end.min(start + block_rows), &row)).collect();

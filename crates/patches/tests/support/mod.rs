@@ -2,7 +2,8 @@
 #![allow(dead_code)]
 
 use glam::{Quat, Vec3};
-use scene::{Material, Scene, SceneParts, Triangle, TriangleUv};
+use scene::gpu::{Triangle, TriangleUv};
+use scene::{Material, Scene, SceneParts};
 
 /// Triangles under construction.
 #[derive(Default)]

@@ -2,18 +2,19 @@
 
 use glam::{Vec3, Vec4};
 use runtime::executor::{DeviceInfo, ExecutorError};
-use runtime::plan::{BufferId, PassId, Plan, Range};
+use runtime::plan::{BufferId, PassId, Plan, Slice};
+use runtime::recipe::Tables;
 use runtime::recipe::formfactor::Surfaces;
 use runtime::recipe::scene::SceneTables;
-use runtime::recipe::{Tables, rgb_bytes};
-use scene::{Lighting, Scene};
+use scene::{Lighting, Rgb, Scene};
 
 use crate::bake::{Bake, ReceiverKind};
 
 /// Bounces that do not go from patch to patch: to the elements, and to the receivers.
 pub const LAST_BOUNCES: u32 = 2;
 
-/// A frame's plan while its stages add their passes, in their order: direct, source, method, gather; then, in sections of their own, points and pictures.
+/// A frame's plan while its stages add their passes, in their order: direct, source, method, gather; then, in sections
+/// of their own, points and pictures.
 pub struct FramePlan<'a> {
     /// The bake that is lit.
     pub bake: &'a Bake,
@@ -33,11 +34,11 @@ pub struct FramePlan<'a> {
     /// Surfaces of the elements, into which patches are cut.
     pub elements: Surfaces,
     /// Irradiance of receivers, W/m²: of each quadrant of their hemispheres, and then smoothed.
-    pub received: BufferId,
+    pub received: Slice<Rgb>,
     /// Irradiance of the interpolation points, W/m²: what pixels take theirs from.
-    pub interpolated: BufferId,
+    pub interpolated: Slice<Rgb>,
     /// Zeros, for as many patches or elements as there are.
-    pub zeros: BufferId,
+    pub zeros: Slice<Rgb>,
 }
 
 /// Content of a frame.
@@ -57,16 +58,16 @@ pub(crate) struct FrameTables {
     pub scene: SceneTables,
     patches: Surfaces,
     elements: Surfaces,
-    received: BufferId,
-    interpolated: BufferId,
-    zeros: BufferId,
+    received: Slice<Rgb>,
+    interpolated: Slice<Rgb>,
+    zeros: Slice<Rgb>,
 }
 
 impl FrameTables {
     /// Those of a plan.
     pub fn of(frame: &FramePlan) -> Self {
         Self {
-            scene: frame.scene.clone(),
+            scene: frame.scene,
             patches: frame.patches,
             elements: frame.elements,
             received: frame.received,
@@ -83,7 +84,7 @@ impl FrameTables {
             device,
             plan,
             tables: Tables::new(),
-            scene: self.scene.clone(),
+            scene: self.scene,
             patches: self.patches,
             elements: self.elements,
             received: self.received,
@@ -104,21 +105,21 @@ impl<'a> FramePlan<'a> {
         let patches = Surfaces {
             count: patch_count as u32,
             albedo: tables.part(&mut plan, "albedo", mesh, |mesh| &mesh.albedo),
-            source: plan.storage("source", rgb_bytes(patch_count)).into(),
-            irradiance: plan.storage("irradiance", rgb_bytes(bake.irradiance_values())).into(),
-            exitance: plan.storage("exitance", rgb_bytes(patch_count)).into(),
+            source: plan.array("source", patch_count),
+            irradiance: plan.array("irradiance", bake.irradiance_values()),
+            exitance: plan.array("exitance", patch_count),
         };
         let elements = Surfaces {
             count: element_count as u32,
             albedo: tables.part(&mut plan, "element albedo", mesh, |mesh| &mesh.element_albedo),
-            source: plan.storage("element source", rgb_bytes(element_count)).into(),
-            irradiance: plan.storage("element irradiance", rgb_bytes(element_count)).into(),
-            exitance: plan.storage("element exitance", rgb_bytes(element_count)).into(),
+            source: plan.array("element source", element_count),
+            irradiance: plan.array("element irradiance", element_count),
+            exitance: plan.array("element exitance", element_count),
         };
         let receivers = &bake.receivers;
-        let received = plan.storage("received", rgb_bytes(receivers.first_smooth() + receivers.points.len()));
-        let interpolated = plan.storage("interpolated", rgb_bytes(receivers.interpolation.points.len()));
-        let zeros = plan.storage("zeros", rgb_bytes(patch_count.max(element_count)));
+        let received = plan.array("received", receivers.first_smooth() + receivers.points.len());
+        let interpolated = plan.array("interpolated", receivers.interpolation.points.len());
+        let zeros = plan.array("zeros", patch_count.max(element_count));
         let scene = SceneTables::new(&mut plan, &mut tables, scene, lights);
         Self { bake, bounces, device, plan, tables, scene, patches, elements, received, interpolated, zeros }
     }
@@ -142,16 +143,6 @@ impl<'a> FramePlan<'a> {
         self.device.max_storage_buffer_range
     }
 
-    /// The buffer of the patches' irradiance.
-    pub fn irradiance(&self) -> BufferId {
-        self.patches.irradiance.buffer
-    }
-
-    /// The buffer of the patches' exitance.
-    pub fn exitance(&self) -> BufferId {
-        self.patches.exitance.buffer
-    }
-
     /// Adds the pass of `B = E`: what light there is before the first bounce.
     ///
     /// # Errors
@@ -171,8 +162,8 @@ impl<'a> FramePlan<'a> {
 
     /// Buffers that are all zeros when the first frame begins, with the number of their values.
     pub(crate) fn initial_zeros(&self) -> Vec<BufferId> {
-        let ranges = [self.patches.exitance, self.patches.irradiance, self.elements.irradiance];
-        ranges.map(|range: Range| range.buffer).into_iter().chain([self.zeros]).collect()
+        let slices = [self.patches.exitance, self.patches.irradiance, self.elements.irradiance, self.zeros];
+        slices.map(|slice| slice.buffer).to_vec()
     }
 }
 

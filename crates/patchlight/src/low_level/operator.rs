@@ -56,7 +56,7 @@ impl Codec {
             Self::Blocks(BlockCodec::Bc3) => "bc3",
             Self::Blocks(BlockCodec::Bc6h) => "bc6h",
             Self::Blocks(BlockCodec::Bc7) => "bc7",
-            Self::LowRank { .. } => "tiles",
+            Self::LowRank { .. } => "low_rank",
         }
     }
 }

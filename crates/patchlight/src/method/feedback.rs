@@ -2,9 +2,9 @@
 
 use multibounce::Acceleration;
 use runtime::executor::Executor;
-use runtime::plan::{BufferId, PassId};
+use runtime::plan::{PassId, Slice};
 use runtime::recipe::multibounce::{Decoder, accelerated_bounce};
-use runtime::recipe::rgb_bytes;
+use scene::Rgb;
 use transport::{LinearOperator as _, Phase};
 
 use super::classic::Classic;
@@ -46,7 +46,7 @@ struct Passes {
     bounces: Vec<PassId>,
     /// Those of them that go by the acceleration.
     accelerated: Vec<PassId>,
-    change: BufferId,
+    change: Slice<Rgb>,
     patches: usize,
     /// Frames after which nothing changes, when the lights do not.
     settling_frames: u32,
@@ -85,13 +85,11 @@ impl Method for Feedback {
         let range = frame.binding_bytes();
         let tables = self.operator.add_tables(&mut frame.plan, &mut frame.tables, range, Decoder::Kernel);
         let patches = frame.patches.count as usize;
-        let change = frame.plan.storage("change", rgb_bytes(patches));
-        let exitance = frame.exitance();
-        let irradiance = frame.irradiance();
+        let change = frame.plan.array("change", patches);
+        let surfaces = frame.patches;
         let mut accelerated = Vec::new();
         for _ in 0..self.products {
-            tables.product(&mut frame.plan, "method", range, exitance, irradiance)?;
-            let surfaces = frame.patches;
+            tables.product(&mut frame.plan, "method", range, surfaces.exitance, surfaces.irradiance)?;
             accelerated.push(accelerated_bounce(&mut frame.plan, "method", &surfaces, change, &self.acceleration)?);
         }
         let bounces = passes_so_far(frame).split_off(before);

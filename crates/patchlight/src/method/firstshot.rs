@@ -17,20 +17,21 @@ use runtime::cpu::Cpu;
 #[cfg(feature = "vulkan")]
 use runtime::executor::{DeviceChoice, open_validated};
 use runtime::executor::{DeviceKind, Executor, ExecutorError, PassTime};
-use runtime::plan::{PassId, Plan, Range};
-use runtime::recipe::firstshot::{PhotonPasses, PhotonTargets};
+use runtime::plan::{PassId, Plan, Slice};
+use runtime::recipe::Tables;
+use runtime::recipe::firstshot::{MapSlices, PhotonPasses, PhotonTargets};
 use runtime::recipe::formfactor::SparseTables;
 use runtime::recipe::rays::RayStops;
 use runtime::recipe::scene::SceneTables;
-use runtime::recipe::{Tables, rgb_bytes};
 #[cfg(feature = "vulkan")]
 use runtime::vulkan::Validation;
+use scene::gpu::DirectParams;
 use scene::kernel::bvh::FAR;
 use scene::kernel::camera::surface_point;
 use scene::kernel::light::direct_irradiance;
 use scene::kernel::medium::Absorbing;
 use scene::sampling::{cosine_hemisphere, hammersley, hash3};
-use scene::{DirectParams, Hit, Lighting, NONE, Ray, Scene, SurfacePoint};
+use scene::{Hit, Lighting, NONE, Ray, Rgb, Scene, SurfacePoint};
 use transport::{Csr, Observer, Patch, Phase, QUADRANTS};
 
 use super::{Method, MethodReport, Preparation, bytes, passes_so_far};
@@ -336,18 +337,18 @@ impl FirstShot {
         plan: &mut Plan,
         tables: &mut Tables,
         scene: &SceneTables,
-        irradiance: Range,
+        irradiance: Slice<Rgb>,
     ) -> Result<PhotonPasses, ExecutorError> {
         let maps = &self.maps;
-        let bindings = [
-            tables.named_part(plan, "grids", maps, |maps| &maps.maps.grids),
-            tables.named_part(plan, "groups", maps, |maps| &maps.groups),
-            tables.named_part(plan, "group_areas", maps, |maps| &maps.group_areas),
-            tables.named_part(plan, "cell_start", maps, |maps| &maps.cell_start),
-            tables.named_part(plan, "cells", maps, |maps| &maps.cells_of_elements),
-            tables.named_part(plan, "element_areas", maps, |maps| &maps.element_areas),
-            ("irradiance", irradiance),
-        ];
+        let slices = MapSlices {
+            grids: tables.part(plan, "grids", maps, |maps| &maps.maps.grids),
+            groups: tables.part(plan, "groups", maps, |maps| &maps.groups),
+            group_areas: tables.part(plan, "group_areas", maps, |maps| &maps.group_areas),
+            cell_start: tables.part(plan, "cell_start", maps, |maps| &maps.cell_start),
+            cells: tables.part(plan, "cells", maps, |maps| &maps.cells_of_elements),
+            element_areas: tables.part(plan, "element_areas", maps, |maps| &maps.element_areas),
+            irradiance,
+        };
         let targets = PhotonTargets {
             cells: maps.areas().len() as u32,
             groups: maps.group_areas.len() as u32,
@@ -355,7 +356,7 @@ impl FirstShot {
             batches: self.settings.photons(self.seed).batches,
         };
         let capacity = self.emission.elements.len().next_power_of_two();
-        PhotonPasses::add(plan, scene, &bindings, targets, capacity)
+        PhotonPasses::add(plan, scene, &slices, targets, capacity)
     }
 
     /// Traces: all photons, with nothing read back, or until the device says that the error is reached.
@@ -617,8 +618,8 @@ fn trace_for_bake(
     let mut plan = Plan::new();
     let mut tables = Tables::new();
     let scene_tables = SceneTables::new(&mut plan, &mut tables, scene, scene.lighting.lights.len().max(1));
-    let irradiance = plan.storage("element irradiance", rgb_bytes(shot.maps.element_areas.len()));
-    let passes = shot.add_passes(&mut plan, &mut tables, &scene_tables, irradiance.into())?;
+    let irradiance = plan.array("element irradiance", shot.maps.element_areas.len());
+    let passes = shot.add_passes(&mut plan, &mut tables, &scene_tables, irradiance)?;
     executor.load(plan)?;
     tables.upload(executor)?;
     scene_tables.set_lights(executor, &scene.lighting.lights)?;
@@ -645,7 +646,7 @@ impl Method for FirstShotMethod {
     fn add_receiver_passes(&mut self, frame: &mut FramePlan) -> Result<bool, Error> {
         let Some(rows) = &self.receivers else { return Ok(false) };
         let rows = SparseTables::new(&mut frame.plan, &mut frame.tables, "receiver element", rows);
-        let quadrants = frame.received.range(0, rgb_bytes(QUADRANTS * frame.bake.receivers.points.len()));
+        let quadrants = frame.received.part(0, QUADRANTS * frame.bake.receivers.points.len());
         rows.gather(&mut frame.plan, "lookup", frame.elements.irradiance, quadrants)?;
         Ok(true)
     }
@@ -659,13 +660,13 @@ impl Method for FirstShotMethod {
         true
     }
 
-    fn knows_media(&self) -> bool {
+    fn supports_media(&self) -> bool {
         true
     }
 
     fn set_lighting(&mut self, scene: &Scene, executor: &mut (dyn Executor + 'static)) -> Result<bool, Error> {
         let start = Instant::now();
-        if self.shot.set_lighting(scene, self.stops.map(|stops| (stops, executor)), &go_on)? {
+        if self.shot.set_lighting(scene, self.stops.map(|stops| (stops, executor)), &ignore_progress)? {
             self.is_traced = false;
         }
         self.host_ms = start.elapsed().as_secs_f64() * 1e3;
@@ -693,12 +694,7 @@ impl Method for FirstShotMethod {
     }
 
     fn report(&self) -> MethodReport {
-        MethodReport {
-            bytes: bytes(self.shot.bytes()),
-            host_ms: self.host_ms,
-            photons: self.shot.sums.is_some().then(|| self.shot.round()),
-            ..MethodReport::default()
-        }
+        MethodReport { bytes: bytes(self.shot.bytes()), host_ms: self.host_ms }
     }
 
     fn irradiance_at(&self, scene: &Scene, points: &[SurfacePoint], seed: u32) -> Option<Vec<Vec3>> {
@@ -714,16 +710,16 @@ impl FirstShotMethod {
     fn submit_photons(&mut self, executor: &mut (dyn Executor + 'static)) -> Result<Vec<PassTime>, Error> {
         let Some(passes) = self.passes else { return Ok(Vec::new()) };
         if !self.is_traced {
-            self.shot.trace(&passes, &self.bake.scene, executor, &go_on)?;
+            self.shot.trace(&passes, &self.bake.scene, executor, &ignore_progress)?;
             self.is_traced = true;
         }
         passes.resolve(executor, self.shot.mean_flux())?;
         executor.submit_passes(self.start.as_slice())?;
-        Ok(vec![PassTime { name: "method".into(), milliseconds: self.host_ms }])
+        Ok(vec![PassTime::of_host("method", self.host_ms)])
     }
 }
 
 /// Progress callback that continues; for callers that report to nobody.
-pub(crate) fn go_on(_: usize, _: usize) -> Proceed {
+pub(crate) fn ignore_progress(_: usize, _: usize) -> Proceed {
     ControlFlow::Continue(())
 }

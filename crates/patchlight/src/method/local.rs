@@ -3,11 +3,12 @@
 
 use std::time::Instant;
 
-use ::localmatrix::{CameraMatrix, CameraSettings, Surface, Table};
+use ::localmatrix::{CameraFrame, CameraMatrix, CameraSettings, Surface, Table};
 use formfactor::{Reciprocal, reciprocal};
 use runtime::executor::{Executor, PassTime};
-use runtime::plan::{BufferId, PassId};
+use runtime::plan::{PassId, Slice};
 use runtime::recipe::localmatrix::MatrixCopy;
+use scene::Rgb;
 use transport::Phase;
 
 use super::{Method, MethodReport, Preparation};
@@ -36,7 +37,7 @@ pub struct Local {
 
 /// Product with the matrix: by the host itself where that runs the kernels, else by a copy on the device.
 enum Passes {
-    Host { source: BufferId, irradiance: BufferId },
+    Host { source: Slice<Rgb>, irradiance: Slice<Rgb> },
     Device(Box<MatrixCopy>),
 }
 
@@ -50,10 +51,17 @@ impl Local {
             let world = world_of(with)?;
             let world_bytes = world.bytes();
             let order = world.order().to_vec();
-            let go_on = |share: f32| report((share * 1000.0) as usize, 1000).is_continue();
-            let matrix = CameraMatrix::new(Box::new(world), order, settings, with.eye, &go_on)?;
+            let report_share = |share: f32| report((share * 1000.0) as usize, 1000).is_continue();
+            let matrix = CameraMatrix::new(Box::new(world), order, settings, with.eye, &report_share)?;
             Ok(Self { matrix, world_bytes, passes: None, bounce: None })
         })
+    }
+}
+
+impl Local {
+    /// Changes of the matrix in the last frame.
+    pub fn last_frame(&self) -> &CameraFrame {
+        self.matrix.last()
     }
 }
 
@@ -72,8 +80,8 @@ fn world_of(with: &Preparation) -> Result<Table, Error> {
 impl Method for Local {
     fn add_passes(&mut self, frame: &mut FramePlan) -> Result<(), Error> {
         frame.start_from_source()?;
-        let source = frame.patches.source.buffer;
-        let irradiance = frame.irradiance();
+        let source = frame.patches.source;
+        let irradiance = frame.patches.irradiance;
         let on_device = frame.device.index.is_some() || frame.device.kind != runtime::executor::DeviceKind::Native;
         self.passes = Some(if on_device {
             let copy = MatrixCopy::new(&mut frame.plan, &mut frame.tables, &self.matrix, source, irradiance)?;
@@ -118,7 +126,7 @@ impl Method for Local {
     fn report(&self) -> MethodReport {
         let mut bytes: std::collections::BTreeMap<String, u64> = self.matrix.bytes().into_iter().collect();
         bytes.insert("local world".to_owned(), self.world_bytes);
-        MethodReport { bytes, local: Some(self.matrix.last().clone()), ..MethodReport::default() }
+        MethodReport { bytes, ..MethodReport::default() }
     }
 
     fn as_any(&self) -> &dyn std::any::Any {
@@ -133,22 +141,19 @@ fn submit_on_device(
     executor: &mut (dyn Executor + 'static),
 ) -> Result<Vec<PassTime>, Error> {
     let milliseconds = copy.frame(executor, matrix)?;
-    Ok(vec![PassTime { name: "update".into(), milliseconds }])
+    Ok(vec![PassTime::of_host("update", milliseconds)])
 }
 
 /// Native code multiplies by the host's own matrix.
 fn submit_on_host(
     matrix: &mut CameraMatrix,
-    source: BufferId,
-    irradiance: BufferId,
+    source: Slice<Rgb>,
+    irradiance: Slice<Rgb>,
     executor: &mut (dyn Executor + 'static),
 ) -> Result<Vec<PassTime>, Error> {
     let exitance = executor.download_table(source)?;
     let start = Instant::now();
     let frame = matrix.irradiance(&exitance, &|| start.elapsed().as_secs_f64() * 1e3)?;
     executor.upload(irradiance, &frame.irradiance)?;
-    Ok(vec![
-        PassTime { name: "update".into(), milliseconds: frame.update_ms },
-        PassTime { name: "method".into(), milliseconds: frame.product_ms },
-    ])
+    Ok(vec![PassTime::of_host("update", frame.update_ms), PassTime::of_host("method", frame.product_ms)])
 }

@@ -54,8 +54,8 @@ impl Method for Multibounce {
         let range = frame.binding_bytes();
         let decoder = self.decoder.unwrap_or(Decoder::Kernel);
         let tables = self.operator.add_tables(&mut frame.plan, &mut frame.tables, range, decoder);
-        let exitance = frame.exitance();
-        let irradiance = frame.irradiance();
+        let exitance = frame.patches.exitance;
+        let irradiance = frame.patches.irradiance;
         tables.product(&mut frame.plan, "method", range, exitance, irradiance)?;
         frame.bounce()?;
         Ok(())
@@ -67,7 +67,7 @@ impl Method for Multibounce {
 
     fn set_albedo(&mut self, _: &Albedo, _: &mut (dyn Executor + 'static)) -> Result<(), Error> {
         let is_tiles = matches!(self.codec, Codec::LowRank { .. });
-        Err(Error::AlbedoHeld { method: if is_tiles { "tiles" } else { "multibounce" } })
+        Err(Error::AlbedoHeld { method: if is_tiles { "low_rank" } else { "multibounce" } })
     }
 
     fn report(&self) -> MethodReport {

@@ -5,8 +5,9 @@ use std::sync::Arc;
 
 use ::temporal::{AliasTables, Packing, RayLists, Settings};
 use runtime::executor::Executor;
-use runtime::plan::{BufferId, PassId, Range};
+use runtime::plan::{PassId, Slice};
 use runtime::recipe::temporal::{Rows, SampledPasses, SampledRows};
+use scene::Rgb;
 use transport::{Csr, HitCounts, LinearOperator as _, Phase};
 
 use super::{Method, MethodReport, MethodSettings, Preparation, passes_so_far};
@@ -196,10 +197,10 @@ impl TemporalMethod {
 
 /// Lighting and the bake that is lit.
 struct Light {
-    source: Range,
-    albedo: Range,
-    reflected: Range,
-    irradiance: BufferId,
+    source: Slice<Rgb>,
+    albedo: Slice<Rgb>,
+    reflected: Slice<Rgb>,
+    irradiance: Slice<Rgb>,
 }
 
 impl Method for TemporalMethod {
@@ -212,28 +213,28 @@ impl Method for TemporalMethod {
         let Some(rows) = self.patches.clone() else { return Ok(frame.start_from_source()?) };
         // What reflects all bounces already is fed nothing back.
         let (reflected, bounces) = match self.has_all_bounces {
-            true => (frame.zeros.into(), 1),
+            true => (frame.zeros, 1),
             false => (frame.patches.irradiance, frame.patch_bounces()),
         };
         let light = Light {
             source: frame.patches.source,
             albedo: frame.patches.albedo,
             reflected,
-            irradiance: frame.irradiance(),
+            irradiance: frame.patches.irradiance,
         };
         self.add_level(frame, "method", &rows, light, bounces)?;
         frame.bounce()?;
         Ok(())
     }
 
-    fn add_element_passes(&mut self, frame: &mut FramePlan, exitance: Range) -> Result<bool, Error> {
+    fn add_element_passes(&mut self, frame: &mut FramePlan, exitance: Slice<Rgb>) -> Result<bool, Error> {
         let Some(rows) = self.elements.clone() else { return Ok(false) };
         // What is only passed on is reflected from nothing.
         let light = Light {
             source: exitance,
             albedo: frame.elements.albedo,
-            reflected: frame.zeros.into(),
-            irradiance: frame.elements.irradiance.buffer,
+            reflected: frame.zeros,
+            irradiance: frame.elements.irradiance,
         };
         self.add_level(frame, "lookup", &rows, light, 1)?;
         Ok(true)
@@ -244,7 +245,7 @@ impl Method for TemporalMethod {
         let light = Light {
             source: frame.elements.exitance,
             albedo: frame.elements.albedo,
-            reflected: frame.zeros.into(),
+            reflected: frame.zeros,
             irradiance: frame.received,
         };
         self.add_level(frame, "lookup", &rows, light, 1)?;

@@ -50,10 +50,10 @@ impl<'a> Rows<'a> {
     pub fn block(&self, head: &WorldHead, block: u32, hits: Option<&[Hit]>) -> Result<Vec<Record>, Error> {
         let own = self.points(head, block);
         let surfaces = self.surfaces(block, &own);
-        let go_on = |_, _| ControlFlow::Continue(());
+        let ignore_progress = |_, _| ControlFlow::Continue(());
         let rows = match hits {
-            None => sparse_rows(&surfaces, self.rays, &go_on)?,
-            Some(hits) => sparse_traced_rows(&surfaces, self.rays, hits, &go_on)?,
+            None => sparse_rows(&surfaces, self.rays, &ignore_progress)?,
+            Some(hits) => sparse_traced_rows(&surfaces, self.rays, hits, &ignore_progress)?,
         };
         let range = block_range(head, block);
         let record = |(k, leaf): (usize, u32)| {

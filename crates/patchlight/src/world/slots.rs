@@ -4,16 +4,19 @@
 use std::time::Instant;
 
 use glam::Vec4;
+use gpu_kernels::formfactor::AssembleSourcePass;
+use gpu_kernels::params::CountParams;
 use localmatrix::{LevelParams, LitPoint, Local, LocalMatrix, NO_NODE};
 use runtime::executor::{DeviceKind, Executor, ExecutorError};
-use runtime::plan::{BufferId, PassId, Plan};
-use runtime::recipe::formfactor::{Surfaces, assemble_source};
+use runtime::plan::{PassId, Plan, Slice};
+use runtime::recipe::formfactor::Surfaces;
 use runtime::recipe::levels::LeafLight;
 use runtime::recipe::localmatrix::SlotMatrix;
 use runtime::recipe::patches::LookupTables;
 use runtime::recipe::scene::SceneTables;
 use runtime::recipe::{Tables, rgb_bytes};
-use scene::{Camera, DirectParams, Light, NONE, Rgb, Scene, SurfacePoint};
+use scene::gpu::DirectParams;
+use scene::{Camera, Light, NONE, Rgb, Scene, SurfacePoint};
 
 use super::bake::POINTS;
 use super::levels::Levels;
@@ -67,7 +70,7 @@ pub struct SlotFrame {
     /// The matrix on a device; native code multiplies by the host's own.
     matrix: Option<SlotMatrix>,
     /// Irradiance of the slots.
-    irradiance: BufferId,
+    irradiance: Slice<Rgb>,
     leaves: LeafLight,
     has_matrix: bool,
     /// Node of each slot whose points are on the device.
@@ -78,10 +81,10 @@ pub struct SlotFrame {
 
 /// From the points of the nodes to their first exitance.
 struct Samples {
-    points: BufferId,
-    albedo: BufferId,
-    emission: BufferId,
-    source: BufferId,
+    points: Slice<SurfacePoint>,
+    albedo: Slice<Rgb>,
+    emission: Slice<Rgb>,
+    source: Slice<Rgb>,
     direct: PointLight,
     passes: [PassId; 3],
     /// Number of points.
@@ -91,9 +94,9 @@ struct Samples {
 /// From the light of the leaves to pictures.
 struct Pixels {
     /// Light of the leaves as it is shown, and what of it fades.
-    shown: BufferId,
-    offset: BufferId,
-    offset_seen: BufferId,
+    shown: Slice<Rgb>,
+    offset: Slice<Rgb>,
+    offset_seen: Slice<Rgb>,
     see_offset: Vec<PassId>,
     shade: Shade,
 }
@@ -118,7 +121,7 @@ fn samples_sky(scene: &Scene) -> bool {
 }
 
 fn plan_bytes(plan: &Plan) -> u64 {
-    plan.buffers().iter().map(|buffer| buffer.bytes).sum()
+    plan.bytes()
 }
 
 impl Samples {
@@ -132,28 +135,28 @@ impl Samples {
         slots: usize,
     ) -> Result<Self, ExecutorError> {
         let count = slots * POINTS;
-        let points = plan.storage("points", (count * size_of::<SurfacePoint>()) as u64);
-        let albedo = plan.storage("point albedo", rgb_bytes(count));
-        let emission = plan.storage("emission", rgb_bytes(slots));
-        let reflected = plan.storage("reflected", rgb_bytes(slots));
-        let source = plan.storage("source", rgb_bytes(slots));
-        let direct = direct::at_points(plan, scene_tables, points.into(), &node_params(scene, count as u32))?;
+        let points = plan.array("points", count);
+        let albedo = plan.array("point albedo", count);
+        let emission = plan.array("emission", slots);
+        let reflected = plan.array("reflected", slots);
+        let source = plan.array("source", slots);
+        let direct = direct::at_points(plan, scene_tables, points, &node_params(scene, count as u32))?;
         let starts: Vec<u32> = (0..=slots).map(|slot| (slot * POINTS) as u32).collect();
-        let own = [
-            ("points", points.into()),
-            ("offsets", tables.owned(plan, "offsets", starts)),
-            ("direct", direct.irradiance.into()),
-            ("albedo", albedo.into()),
-            ("emission", tables.owned(plan, "no emission", vec![Vec4::ZERO; slots])),
-            ("source", reflected.into()),
-        ];
-        let gather = assemble_source(plan, "direct", &own, slots as u32)?;
+        let gather = AssembleSourcePass {
+            points,
+            offsets: tables.owned(plan, "offsets", starts),
+            direct: direct.irradiance,
+            albedo,
+            emission: tables.owned(plan, "no emission", vec![Vec4::ZERO; slots]),
+            source: reflected,
+        };
+        let gather = plan.add("direct", &gather, &CountParams { count: slots as u32 })?;
         let sum = Surfaces {
             count: slots as u32,
             albedo: tables.owned(plan, "ones", vec![Vec4::ONE; slots]),
-            source: emission.into(),
-            irradiance: reflected.into(),
-            exitance: source.into(),
+            source: emission,
+            irradiance: reflected,
+            exitance: source,
         };
         let add = sum.bounce(plan, "direct")?;
         let passes = [direct.pass, gather, add];
@@ -169,9 +172,9 @@ impl Samples {
             albedo[k] = point.albedo.extend(0.0);
         }
         let slot_u64 = slot as u64;
-        executor.upload_at(self.points, size_of_val(&points) as u64 * slot_u64, bytemuck::bytes_of(&points))?;
-        executor.upload_at(self.albedo, size_of_val(&albedo) as u64 * slot_u64, bytemuck::bytes_of(&albedo))?;
-        executor.upload_at(self.emission, rgb_bytes(slot), bytemuck::bytes_of(&node.emission))
+        executor.upload_at(self.points.buffer, size_of_val(&points) as u64 * slot_u64, bytemuck::bytes_of(&points))?;
+        executor.upload_at(self.albedo.buffer, size_of_val(&albedo) as u64 * slot_u64, bytemuck::bytes_of(&albedo))?;
+        executor.upload_at(self.emission.buffer, rgb_bytes(slot), bytemuck::bytes_of(&node.emission))
     }
 }
 
@@ -186,8 +189,8 @@ impl Pixels {
         settings: SlotSettings,
         binding_bytes: u64,
     ) -> Result<Self, ExecutorError> {
-        let shown = plan.storage("shown", rgb_bytes(values));
-        let offset = plan.storage("offset", rgb_bytes(values));
+        let shown = plan.array("shown", values);
+        let offset = plan.array("offset", values);
         let pixels = PixelSettings {
             size: settings.size,
             sub_frames: settings.sub_frames,
@@ -197,15 +200,14 @@ impl Pixels {
             follows: scene.specular_material().is_some(),
             smooth_sky: None,
         };
-        let indirect = Indirect::Patches { lookup, values: shown.into() };
+        let indirect = Indirect::Patches { lookup, values: shown };
         let shade = shade::add_pixels(plan, scene_tables, &indirect, &pixels)?;
         let count = settings.size.0 * settings.size.1;
-        let offset_seen = plan.storage("pixel offset", rgb_bytes(count as usize));
+        let offset_seen = plan.array("pixel offset", count as usize);
         let mut see_offset = Vec::new();
         for &band in shade.bands() {
-            let irradiance = ("irradiance", band.of::<Rgb>(offset_seen));
-            let own = [("values", offset.into()), shade.pixels.points_of(band), irradiance];
-            see_offset.push(lookup.at_points(plan, "shade", &own, band.count)?);
+            let points = band.of(shade.pixels.points);
+            see_offset.push(lookup.at_points(plan, "shade", offset, points, band.of(offset_seen), band.count)?);
         }
         Ok(Self { shown, offset, offset_seen, see_offset, shade })
     }
@@ -235,7 +237,7 @@ impl SlotFrame {
         let matrix = on_device.then(|| SlotMatrix::new(&mut plan, slots, samples.source)).transpose()?;
         let irradiance = match &matrix {
             Some(copy) => copy.irradiance(),
-            None => plan.storage("slot irradiance", rgb_bytes(slots)),
+            None => plan.array("slot irradiance", slots),
         };
         let range = executor.device().max_storage_buffer_range;
         let pixels = Pixels::add(&mut plan, &scene_tables, scene, lookup_tables, lookup.values, settings, range)?;
@@ -245,8 +247,9 @@ impl SlotFrame {
 
         executor.load(plan)?;
         tables.upload(executor)?;
-        for buffer in [samples.points, samples.albedo, samples.emission, irradiance, pixels.shown, pixels.offset] {
-            executor.clear(buffer)?;
+        executor.clear(samples.points.buffer)?;
+        for values in [samples.albedo, samples.emission, irradiance, pixels.shown, pixels.offset] {
+            executor.clear(values.buffer)?;
         }
         scene_tables.set_sky_and_emission(executor, scene)?;
         scene_tables.set_distributions(executor, &scene.lighting.distributions)?;
@@ -348,7 +351,7 @@ impl SlotFrame {
             return Ok(0.0);
         }
         // Native code: the bytes lie in main memory.
-        let source: Vec<Vec4> = executor.download_table(self.samples.source)?;
+        let source = executor.download_table(self.samples.source)?;
         let start = Instant::now();
         let (irradiance, _) = local.slot_product(&source, |_| true)?;
         let host_ms = start.elapsed().as_secs_f64() * 1e3;
@@ -422,9 +425,9 @@ impl SlotFrame {
         let first = shade.first_passes();
         executor.submit_passes(first)?;
         executor.submit_passes(&pixels.see_offset)?;
-        let hits: Vec<scene::Hit> = executor.download_table(shade.pixels.hits)?;
-        let shown: Vec<Vec4> = executor.download_table(shade.pixels.indirect)?;
-        let offset: Vec<Vec4> = executor.download_table(pixels.offset_seen)?;
+        let hits = executor.download_table(shade.pixels.hits)?;
+        let shown = executor.download_table(shade.pixels.indirect)?;
+        let offset = executor.download_table(pixels.offset_seen)?;
         let seen =
             |((hit, shown), offset): ((&scene::Hit, Vec4), Vec4)| (!hit.is_miss()).then_some(Seen { shown, offset });
         let seen = hits.iter().zip(shown).zip(offset).map(seen).collect();

@@ -5,9 +5,8 @@ use std::ops::ControlFlow;
 
 use glam::Vec3;
 use patchlight_reference::{Accumulation, PathSettings, PathTracer};
-use scene::{
-    Camera, LIGHT_DIRECTIONAL, Light, Material, NONE, Scene, SceneParts, Sky, SurfacePoint, Triangle, TriangleUv,
-};
+use scene::gpu::{LIGHT_DIRECTIONAL, Triangle, TriangleUv};
+use scene::{Camera, Light, Material, NONE, Scene, SceneParts, Sky, SurfacePoint};
 
 /// Collects quads into a scene.
 #[derive(Default)]

@@ -3,16 +3,16 @@
 
 use firstshot::kernel::judge::JUDGED;
 use firstshot::{
-    AliasEntry, Element, Emission, JudgeParams, PhotonParams, ResolveParams, Sums, flux_words, relative_error,
+    AliasEntry, Element, Emission, JudgeParams, MapGrid, PhotonParams, ResolveParams, Sums, flux_words, relative_error,
     tally_words,
 };
 use glam::Vec2;
-use gpu_kernels::table;
+use gpu_kernels::firstshot::{JudgePass, ResolvePass, TracePass};
+use scene::Rgb;
 
 use super::scene::SceneTables;
-use super::{Bindings, Named, add_pass};
 use crate::executor::{Executor, ExecutorError};
-use crate::plan::{BufferId, PassId, Plan};
+use crate::plan::{LightSlices, PassId, Plan, Slice};
 
 /// Buffers that photons are registered in, and their results.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -27,57 +27,80 @@ pub struct PhotonTargets {
     pub batches: u32,
 }
 
+/// Illumination maps on a device.
+#[derive(Clone, Copy, Debug)]
+pub struct MapSlices {
+    /// Grid of cells of each triangle.
+    pub grids: Slice<MapGrid>,
+    /// Group of each cell.
+    pub groups: Slice<u32>,
+    /// Area of each group, m².
+    pub group_areas: Slice<f32>,
+    /// First cell of each element in `cells`, and the end of the last.
+    pub cell_start: Slice<u32>,
+    /// Cells of the elements.
+    pub cells: Slice<u32>,
+    /// Area of each element, m².
+    pub element_areas: Slice<f32>,
+    /// Irradiance of each element, W/m², the result.
+    pub irradiance: Slice<Rgb>,
+}
+
 /// The passes, and the buffers that change.
 #[derive(Clone, Copy, Debug)]
 pub struct PhotonPasses {
     trace: PassId,
     judge: PassId,
     resolve: PassId,
-    alias: BufferId,
-    elements: BufferId,
-    flux: BufferId,
-    tallies: BufferId,
-    judged: BufferId,
+    alias: Slice<AliasEntry>,
+    elements: Slice<Element>,
+    flux: Slice<u32>,
+    tallies: Slice<u32>,
+    judged: Slice<Vec2>,
     targets: PhotonTargets,
     capacity: usize,
 }
 
 impl PhotonPasses {
-    /// Adds the passes to a plan, with room for `capacity` elements that photons start from. `maps` are the bindings
-    /// `grids`, `groups`, `group_areas`, `cell_start`, `cells`, `element_areas`, and `irradiance`, where that of the
-    /// elements goes.
-    ///
+    /// Adds the passes to a plan, with room for `capacity` elements that photons start from.     ///
     /// # Errors
     /// Buffers that are missing or too short.
     pub fn add(
         plan: &mut Plan,
         scene: &SceneTables,
-        maps: Bindings,
+        maps: &MapSlices,
         targets: PhotonTargets,
         capacity: usize,
     ) -> Result<Self, ExecutorError> {
         let PhotonTargets { cells, groups, elements: count, batches } = targets;
-        let mut words = |name: &str, count: usize| plan.storage(name, 4 * count as u64);
-        let flux = words("flux", flux_words(cells as usize));
-        let tallies = words("tallies", tally_words(groups as usize, batches));
+        let flux = plan.array("flux", flux_words(cells as usize));
+        let tallies = plan.array("tallies", tally_words(groups as usize, batches));
         let blocks = groups.div_ceil(JUDGED);
-        let judged = plan.storage("judged", u64::from(blocks) * size_of::<Vec2>() as u64);
-        let alias = plan.storage("alias", (capacity * size_of::<AliasEntry>()) as u64);
-        let elements = plan.storage("photon sources", (capacity * size_of::<Element>()) as u64);
-        let changing: [Named; 5] = [
-            ("flux", flux.into()),
-            ("tallies", tallies.into()),
-            ("judged", judged.into()),
-            ("alias", alias.into()),
-            ("elements", elements.into()),
-        ];
-        let own: Vec<Named> = changing.iter().chain(maps).copied().collect();
-        let photons = PhotonParams { count: 1, per_batch: 1, ..PhotonParams::default() };
-        let trace = add_pass(plan, "method", &table::FIRSTSHOT_TRACE, &own, scene.bindings(), &photons, 1)?;
-        let p = JudgeParams { count: blocks, group_count: groups, batches };
-        let judge = add_pass(plan, "method", &table::FIRSTSHOT_JUDGE, &own, &[], &p, blocks)?;
-        let p = ResolveParams { count, mean_flux: 0.0 };
-        let resolve = add_pass(plan, "method", &table::FIRSTSHOT_RESOLVE, &own, &[], &p, count)?;
+        let judged = plan.array("judged", blocks as usize);
+        let alias = plan.array("alias", capacity);
+        let elements = plan.array("photon sources", capacity);
+        let MapSlices { grids, groups: groups_of_cells, group_areas, .. } = *maps;
+        let LightSlices { lights, sky, sky_map, distributions, .. } = scene.lights;
+        let photons = TracePass {
+            alias,
+            elements,
+            geometry: scene.geometry,
+            lights,
+            sky,
+            sky_map,
+            distributions,
+            grids,
+            groups: groups_of_cells,
+            flux,
+            tallies,
+        };
+        let push = PhotonParams { count: 1, per_batch: 1, ..PhotonParams::default() };
+        let trace = plan.add("method", &photons, &push)?;
+        let push = JudgeParams { count: blocks, group_count: groups, batches };
+        let judge = plan.add("method", &JudgePass { tallies, group_areas, judged }, &push)?;
+        let MapSlices { cell_start, cells, element_areas, irradiance, .. } = *maps;
+        let light = ResolvePass { flux, cell_start, cells, element_areas, irradiance };
+        let resolve = plan.add("method", &light, &ResolveParams { count, mean_flux: 0.0 })?;
         Ok(Self { trace, judge, resolve, alias, elements, flux, tallies, judged, targets, capacity })
     }
 
@@ -93,8 +116,8 @@ impl PhotonPasses {
     pub fn start(&self, executor: &mut (dyn Executor + 'static), emission: &Emission) -> Result<(), ExecutorError> {
         executor.upload(self.alias, &emission.alias)?;
         executor.upload(self.elements, &emission.elements)?;
-        executor.clear(self.flux)?;
-        executor.clear(self.tallies)
+        executor.clear(self.flux.buffer)?;
+        executor.clear(self.tallies.buffer)
     }
 
     /// Puts sums on the device that were found before.
@@ -113,7 +136,6 @@ impl PhotonPasses {
     /// What the device says.
     pub fn trace(&self, executor: &mut (dyn Executor + 'static), p: &PhotonParams) -> Result<(), ExecutorError> {
         executor.push(self.trace, p)?;
-        executor.set_elements(self.trace, p.count)?;
         executor.submit_passes(&[self.trace])
     }
 
@@ -123,7 +145,7 @@ impl PhotonPasses {
     /// What the device says.
     pub fn relative_error(&self, executor: &mut (dyn Executor + 'static)) -> Result<f64, ExecutorError> {
         executor.submit_passes(&[self.judge])?;
-        let judged: Vec<Vec2> = executor.download_table(self.judged)?;
+        let judged = executor.download_table(self.judged)?;
         Ok(relative_error(judged.into_iter()))
     }
 

@@ -5,23 +5,25 @@ use std::ops;
 use std::sync::Arc;
 
 use formfactor::HemisphereParams;
+use glam::UVec2;
+use gpu_kernels::formfactor::{HemisphereHitsPass, HemisphereSurfacesPass};
 use gpu_kernels::params::CountParams;
-use gpu_kernels::table;
-use scene::{Hit, Scene, SurfacePoint};
+use gpu_kernels::transport::{BouncePass, GatherCsrPass, GatherHitsPass, GatherHitsViewPass};
+use scene::{Hit, Rgb, Scene, SurfacePoint};
 use transport::kernel::hits::WORD_COUNTS;
 use transport::{Csr, HitCounts, HitsParams, LinearOperator as _, Surfaces as RowSurfaces, TriangleGrid, ViewParams};
 
 use super::scene::SceneTables;
-use super::{Bindings, Named, Tables, add_pass, rgb_bytes, row_blocks};
+use super::{Tables, row_blocks};
 use crate::executor::{Executor, ExecutorError};
-use crate::plan::{BufferId, PassId, Plan, Range};
+use crate::plan::{PassId, Plan, Slice};
 
 /// Compressed sparse rows on the device.
 #[derive(Clone, Copy, Debug)]
 pub struct SparseTables {
-    row_start: Range,
-    columns: Range,
-    values: Range,
+    row_start: Slice<u32>,
+    columns: Slice<u32>,
+    values: Slice<f32>,
     rows: u32,
 }
 
@@ -44,18 +46,12 @@ impl SparseTables {
         &self,
         plan: &mut Plan,
         pass: &str,
-        exitance: impl Into<Range>,
-        irradiance: impl Into<Range>,
+        exitance: Slice<Rgb>,
+        irradiance: Slice<Rgb>,
     ) -> Result<PassId, ExecutorError> {
-        let own = [
-            ("row_start", self.row_start),
-            ("columns", self.columns),
-            ("values", self.values),
-            ("exitance", exitance.into()),
-            ("irradiance", irradiance.into()),
-        ];
-        let count = CountParams { count: self.rows };
-        add_pass(plan, pass, &table::FORMFACTOR_GATHER_CSR, &own, &[], &count, self.rows)
+        let Self { row_start, columns, values, rows } = *self;
+        let bound = GatherCsrPass { row_start, columns, values, exitance, irradiance };
+        Ok(plan.add(pass, &bound, &CountParams { count: rows })?)
     }
 }
 
@@ -65,7 +61,8 @@ impl SparseTables {
 pub struct ViewPass {
     /// The pass.
     pub pass: PassId,
-    params: ViewParams,
+    /// Push constants.
+    pub params: ViewParams,
 }
 
 impl ViewPass {
@@ -81,20 +78,10 @@ impl ViewPass {
 /// Which rows a view needs, and for which light each was computed: a number of 32 bits a row.
 #[derive(Clone, Copy, Debug)]
 pub struct ViewRows {
-    /// Marks ([`formfactor::kernel::view`]).
-    pub marks: Range,
+    /// Marks ([`transport::kernel::view`]).
+    pub marks: Slice<u32>,
     /// Number of the light.
-    pub computed: Range,
-}
-
-/// Adds the pass that marks the interpolation points that the pixels of a view take light from. Bindings: `hits`,
-/// `points`, `triangles`, `grids`, `receiver_cells`, `vertices`, `marks`.
-///
-/// # Errors
-/// Buffers that are missing or too short.
-pub fn mark_pixels(plan: &mut Plan, pass: &str, bindings: Bindings, pixels: u32) -> Result<ViewPass, ExecutorError> {
-    let params = ViewParams { count: pixels, ..ViewParams::default() };
-    Ok(ViewPass { pass: add_pass(plan, pass, &table::FORMFACTOR_MARK_PIXELS, bindings, &[], &params, pixels)?, params })
+    pub computed: Slice<u32>,
 }
 
 /// Buffers of a bounce, each with one RGB value a patch (or element): albedo ρ, first exitance E and irradiance H in,
@@ -104,21 +91,16 @@ pub struct Surfaces {
     /// Number of patches or elements.
     pub count: u32,
     /// Albedo ρ, without unit.
-    pub albedo: Range,
+    pub albedo: Slice<Rgb>,
     /// First exitance E.
-    pub source: Range,
+    pub source: Slice<Rgb>,
     /// Irradiance H.
-    pub irradiance: Range,
+    pub irradiance: Slice<Rgb>,
     /// Exitance B.
-    pub exitance: Range,
+    pub exitance: Slice<Rgb>,
 }
 
 impl Surfaces {
-    /// The buffers by the names of the kernels' bindings.
-    pub fn bindings(&self) -> [Named; 4] {
-        [("albedo", self.albedo), ("source", self.source), ("irradiance", self.irradiance), ("exitance", self.exitance)]
-    }
-
     /// Adds the pass of `B = E + ρ∘H`.
     ///
     /// # Errors
@@ -131,53 +113,20 @@ impl Surfaces {
     ///
     /// # Errors
     /// Buffers that are too short.
-    pub fn bounce_of(
-        &self,
-        plan: &mut Plan,
-        pass: &str,
-        irradiance: impl Into<Range>,
-    ) -> Result<PassId, ExecutorError> {
-        let own = [("irradiance", irradiance.into())];
-        let count = CountParams { count: self.count };
-        add_pass(plan, pass, &table::FORMFACTOR_BOUNCE, &own, &self.bindings(), &count, self.count)
+    pub fn bounce_of(&self, plan: &mut Plan, pass: &str, irradiance: Slice<Rgb>) -> Result<PassId, ExecutorError> {
+        let Self { count, albedo, source, exitance, .. } = *self;
+        Ok(plan.add(pass, &BouncePass { source, albedo, irradiance, exitance }, &CountParams { count })?)
     }
 }
 
-/// Adds the pass that finds the first exitance of elements from the direct light at their samples:
-/// `E = ρ Σ_k w_k H_d,k + emission`, W/m². Bindings: `points`, `offsets`, `direct`, `albedo` (of the samples),
-/// `emission`, `source`.
-///
-/// # Errors
-/// Buffers that are missing or too short.
-pub fn assemble_source(
-    plan: &mut Plan,
-    pass: &str,
-    bindings: Bindings,
-    elements: u32,
-) -> Result<PassId, ExecutorError> {
-    let count = CountParams { count: elements };
-    add_pass(plan, pass, &table::FORMFACTOR_ASSEMBLE_SOURCE, bindings, &[], &count, elements)
-}
-
-/// Adds the pass that takes values at interpolation points to the pixels: each pixel's is linear in the part of the
-/// cell of the triangle that it sees. Bindings: `hits`, `points`, `triangles`, `grids`, `receiver_cells`, `vertices`,
-/// `values`, `irradiance`.
-///
-/// # Errors
-/// Buffers that are missing or too short.
-pub fn interpolate(plan: &mut Plan, pass: &str, bindings: Bindings, pixels: u32) -> Result<PassId, ExecutorError> {
-    let count = CountParams { count: pixels };
-    add_pass(plan, pass, &table::FORMFACTOR_INTERPOLATE, bindings, &[], &count, pixels)
-}
-
 /// Rays that are traced together, of as many rows as have them, or of one row.
-const RAYS_TOGETHER: u32 = 1 << 20;
+const RAYS_PER_BATCH: u32 = 1 << 20;
 
 /// Traces the hemisphere rays of rows on a device: its plan holds the scene and the points of the rows.
 pub struct RowTracer<'a> {
     executor: &'a mut (dyn Executor + 'static),
     pass: PassId,
-    ids: BufferId,
+    ids: Slice<u32>,
     params: HemisphereParams,
     /// Rows of a dispatch.
     rows: u32,
@@ -199,15 +148,16 @@ impl<'a> RowTracer<'a> {
         let mut plan = Plan::new();
         let mut tables = Tables::new();
         let scene_tables = SceneTables::new(&mut plan, &mut tables, scene, scene.lighting.lights.len().max(1));
-        let rows = (RAYS_TOGETHER / rays.max(1)).clamp(1, surfaces.rows().max(1) as u32);
-        let ids = plan.storage("ids", 4 * u64::from(rows) * u64::from(rays));
-        let own = [
-            tables.named(&mut plan, "offsets", surfaces.offsets.to_vec()),
-            tables.named(&mut plan, "points", surfaces.points.to_vec()),
-            tables.named(&mut plan, "grids", grids.to_vec()),
-            tables.named(&mut plan, "cell_columns", cell_columns),
-            ("ids", Range::from(ids)),
-        ];
+        let rows = (RAYS_PER_BATCH / rays.max(1)).clamp(1, surfaces.rows().max(1) as u32);
+        let ids = plan.array("ids", rows as usize * rays as usize);
+        let bound = HemisphereHitsPass {
+            offsets: tables.owned(&mut plan, "offsets", surfaces.offsets.to_vec()),
+            points: tables.owned(&mut plan, "points", surfaces.points.to_vec()),
+            grids: tables.owned(&mut plan, "grids", grids.to_vec()),
+            cell_columns: tables.owned(&mut plan, "cell_columns", cell_columns),
+            geometry: scene_tables.geometry,
+            ids,
+        };
         let params = HemisphereParams {
             first_row: 0,
             row_count: rows,
@@ -217,9 +167,7 @@ impl<'a> RowTracer<'a> {
             ray_offset: surfaces.ray_offset,
             reserved: [0; 2],
         };
-        let kernel = &table::FORMFACTOR_HEMISPHERE_HITS;
-        let shared = scene_tables.bindings();
-        let pass = add_pass(&mut plan, "rows", kernel, &own, shared, &params, rows * rays)?;
+        let pass = plan.add("rows", &bound, &params)?;
         executor.load(plan)?;
         tables.upload(executor)?;
         scene_tables.set_sky_and_emission(executor, scene)?;
@@ -238,7 +186,6 @@ impl<'a> RowTracer<'a> {
             let params = HemisphereParams { first_row: first as u32, row_count, ..self.params };
             let rays = row_count * params.rays;
             self.executor.push(self.pass, &params)?;
-            self.executor.set_elements(self.pass, rays)?;
             self.executor.submit_passes(&[self.pass])?;
             let found: Vec<u32> = self.executor.download_table(self.ids)?;
             columns.extend_from_slice(&found[..rays as usize]);
@@ -251,9 +198,9 @@ impl<'a> RowTracer<'a> {
 pub struct SurfaceTracer<'a> {
     executor: &'a mut (dyn Executor + 'static),
     pass: PassId,
-    offsets: BufferId,
-    points: BufferId,
-    hits: BufferId,
+    offsets: Slice<u32>,
+    points: Slice<SurfacePoint>,
+    hits: Slice<Hit>,
     rays: u32,
 }
 
@@ -271,16 +218,12 @@ impl<'a> SurfaceTracer<'a> {
         let mut plan = Plan::new();
         let mut tables = Tables::new();
         let scene_tables = SceneTables::new(&mut plan, &mut tables, scene, scene.lighting.lights.len().max(1));
-        let bytes = |count: usize, each: usize| (count * each) as u64;
-        let offsets = plan.storage("offsets", bytes(rows + 1, size_of::<u32>()));
-        let points = plan.storage("points", bytes(points, size_of::<SurfacePoint>()));
-        let hits = plan.storage("hits", bytes(rows * rays as usize, size_of::<Hit>()));
-        let own = [("offsets", offsets), ("points", points), ("hits", hits)];
-        let own = own.map(|(name, buffer)| (name, Range::from(buffer)));
+        let offsets = plan.array("offsets", rows + 1);
+        let points = plan.array("points", points);
+        let hits = plan.array("hits", rows * rays as usize);
+        let bound = HemisphereSurfacesPass { offsets, points, geometry: scene_tables.geometry, hits };
         let params = HemisphereParams { row_count: rows as u32, rays, ..HemisphereParams::default() };
-        let kernel = &table::FORMFACTOR_HEMISPHERE_SURFACES;
-        let shared = scene_tables.bindings();
-        let pass = add_pass(&mut plan, "rows", kernel, &own, shared, &params, params.row_count * rays)?;
+        let pass = plan.add("rows", &bound, &params)?;
         executor.load(plan)?;
         tables.upload(executor)?;
         scene_tables.set_sky_and_emission(executor, scene)?;
@@ -305,7 +248,6 @@ impl<'a> SurfaceTracer<'a> {
         self.executor.upload(self.offsets, surfaces.offsets)?;
         self.executor.upload(self.points, surfaces.points)?;
         self.executor.push(self.pass, &params)?;
-        self.executor.set_elements(self.pass, count)?;
         self.executor.submit_passes(&[self.pass])?;
         let mut found: Vec<Hit> = self.executor.download_table(self.hits)?;
         found.truncate(count as usize);
@@ -317,10 +259,10 @@ impl<'a> SurfaceTracer<'a> {
 #[derive(Clone, Debug)]
 pub struct HitTables {
     hits: Arc<HitCounts>,
-    row_start: BufferId,
-    quads: BufferId,
-    counts: BufferId,
-    scales: BufferId,
+    row_start: Slice<u32>,
+    quads: Slice<UVec2>,
+    counts: Slice<u32>,
+    scales: Slice<f32>,
 }
 
 /// Blocks of rows begin at multiples of this, and their quads too: ranges of a buffer begin at multiples of 256 bytes.
@@ -330,8 +272,18 @@ const BLOCK_STEP: usize = 256;
 #[derive(Debug)]
 struct RowBlock {
     rows: ops::Range<usize>,
-    tables: [Named; 4],
+    row_start: Slice<u32>,
+    quads: Slice<UVec2>,
+    counts: Slice<u32>,
+    scales: Slice<f32>,
     first_quad: u32,
+}
+
+impl RowBlock {
+    /// The rows of a table that has one element for each.
+    fn of<T>(&self, table: Slice<T>) -> Slice<T> {
+        table.part(self.rows.start, self.rows.len())
+    }
 }
 
 impl HitTables {
@@ -339,10 +291,10 @@ impl HitTables {
     pub fn new(plan: &mut Plan, tables: &mut Tables, hits: &Arc<HitCounts>) -> Self {
         Self {
             hits: Arc::clone(hits),
-            row_start: tables.part(plan, "row starts", hits, |hits| hits.row_start()).buffer,
-            quads: tables.part(plan, "quads", hits, |hits| hits.quads()).buffer,
-            counts: tables.owned(plan, "counts", hits.count_words()).buffer,
-            scales: tables.part(plan, "scales", hits, |hits| hits.scales()).buffer,
+            row_start: tables.part(plan, "row starts", hits, |hits| hits.row_start()),
+            quads: tables.part(plan, "quads", hits, |hits| hits.quads()),
+            counts: tables.owned(plan, "counts", hits.count_words()),
+            scales: tables.part(plan, "scales", hits, |hits| hits.scales()),
         }
     }
 
@@ -356,14 +308,14 @@ impl HitTables {
         plan: &mut Plan,
         pass: &str,
         range: u64,
-        exitance: BufferId,
-        irradiance: BufferId,
+        exitance: Slice<Rgb>,
+        irradiance: Slice<Rgb>,
     ) -> Result<(), ExecutorError> {
-        for RowBlock { rows, tables, first_quad } in self.blocks(range) {
-            let received = irradiance.range(rgb_bytes(rows.start), rgb_bytes(rows.len()));
-            let light = [("exitance", Range::from(exitance)), ("irradiance", received)];
-            let push = HitsParams { rows: rows.len() as u32, first_quad };
-            add_pass(plan, pass, &table::FORMFACTOR_GATHER_HITS, &light, &tables, &push, push.rows)?;
+        for block in self.blocks(range) {
+            let push = HitsParams { rows: block.rows.len() as u32, first_quad: block.first_quad };
+            let irradiance = block.of(irradiance);
+            let RowBlock { row_start, quads, counts, scales, .. } = block;
+            plan.add(pass, &GatherHitsPass { row_start, quads, counts, scales, exitance, irradiance }, &push)?;
         }
         Ok(())
     }
@@ -377,23 +329,20 @@ impl HitTables {
         plan: &mut Plan,
         pass: &str,
         range: u64,
-        exitance: BufferId,
-        irradiance: BufferId,
-        (marks, computed): (BufferId, BufferId),
+        exitance: Slice<Rgb>,
+        irradiance: Slice<Rgb>,
+        needed: ViewRows,
     ) -> Result<Vec<ViewPass>, ExecutorError> {
         let mut passes = Vec::new();
-        for RowBlock { rows, tables, first_quad } in self.blocks(range) {
-            let of_rows =
-                |buffer: BufferId, stride: u64| buffer.range(stride * rows.start as u64, stride * rows.len() as u64);
-            let own = [
-                ("exitance", Range::from(exitance)),
-                ("irradiance", of_rows(irradiance, rgb_bytes(1))),
-                ("marks", of_rows(marks, 4)),
-                ("computed", of_rows(computed, 4)),
-            ];
-            let params = ViewParams { count: rows.len() as u32, first_quad, ..ViewParams::default() };
-            let kernel = &table::FORMFACTOR_GATHER_HITS_VIEW;
-            passes.push(ViewPass { pass: add_pass(plan, pass, kernel, &own, &tables, &params, params.count)?, params });
+        for block in self.blocks(range) {
+            let params =
+                ViewParams { count: block.rows.len() as u32, first_quad: block.first_quad, ..ViewParams::default() };
+            let irradiance = block.of(irradiance);
+            let marks = block.of(needed.marks);
+            let computed = block.of(needed.computed);
+            let RowBlock { row_start, quads, counts, scales, .. } = block;
+            let bound = GatherHitsViewPass { row_start, quads, counts, scales, exitance, marks, computed, irradiance };
+            passes.push(ViewPass { pass: plan.add(pass, &bound, &params)?, params });
         }
         Ok(passes)
     }
@@ -401,31 +350,24 @@ impl HitTables {
     /// Blocks of rows whose quads fit into one binding.
     fn blocks(&self, range: u64) -> Vec<RowBlock> {
         let starts = self.hits.row_start();
-        let quad_bytes = self.quad_bytes();
-        let most = (range / quad_bytes.max(1)).saturating_sub(BLOCK_STEP as u64);
+        let most = (range / size_of::<UVec2>() as u64).saturating_sub(BLOCK_STEP as u64);
         let fits = |first: usize, end: usize| u64::from(starts[end] - starts[first]) <= most;
         row_blocks(self.hits.rows(), BLOCK_STEP, fits).into_iter().map(|rows| self.block(rows)).collect()
-    }
-
-    fn quad_bytes(&self) -> u64 {
-        let quads = self.hits.quads();
-        size_of_val(quads) as u64 / quads.len().max(1) as u64
     }
 
     fn block(&self, rows: ops::Range<usize>) -> RowBlock {
         let starts = self.hits.row_start();
         let first_quad = starts[rows.start] as usize / BLOCK_STEP * BLOCK_STEP;
-        let quads = (starts[rows.end] as usize - first_quad) as u64;
-        let words = quads.div_ceil(u64::from(WORD_COUNTS));
-        let first_row = rows.start as u64;
-        let row_count = rows.len() as u64;
-        let tables = [
-            ("row_start", self.row_start.range(4 * first_row, 4 * (row_count + 1))),
-            ("quads", self.quads.range(first_quad as u64 * self.quad_bytes(), quads * self.quad_bytes())),
-            ("counts", self.counts.range(first_quad as u64, 4 * words)),
-            ("scales", self.scales.range(4 * first_row, 4 * row_count)),
-        ];
-        RowBlock { rows, tables, first_quad: first_quad as u32 }
+        let quads = starts[rows.end] as usize - first_quad;
+        let words = quads.div_ceil(WORD_COUNTS as usize);
+        RowBlock {
+            row_start: self.row_start.part(rows.start, rows.len() + 1),
+            quads: self.quads.part(first_quad, quads),
+            counts: self.counts.part(first_quad / WORD_COUNTS as usize, words),
+            scales: self.scales.part(rows.start, rows.len()),
+            rows,
+            first_quad: first_quad as u32,
+        }
     }
 }
 
@@ -446,17 +388,17 @@ mod tests {
             let blocks = tables.blocks(range);
             assert_eq!(blocks.len(), expected, "{range}");
             let mut next = 0;
-            for RowBlock { rows, tables: bound, first_quad } in blocks {
-                assert_eq!(rows.start, next);
-                next = rows.end;
+            for block in blocks {
+                assert_eq!(block.rows.start, next);
+                next = block.rows.end;
                 let starts = tables.hits.row_start();
-                let quads = starts[rows.end] - first_quad;
-                assert!(starts[rows.start] >= first_quad && first_quad % 256 == 0);
-                let range_of_quads = bound[1].1;
-                let expected = (8 * u64::from(first_quad), Some(8 * u64::from(quads)));
-                assert_eq!((range_of_quads.offset, range_of_quads.bytes), expected);
-                assert!(range < 1000 || range_of_quads.bytes <= Some(range), "{range}: {range_of_quads:?}");
-                assert_eq!(bound[2].1.bytes, Some(u64::from(quads.div_ceil(4) * 4)));
+                let quads = starts[block.rows.end] - block.first_quad;
+                assert!(starts[block.rows.start] >= block.first_quad && block.first_quad % 256 == 0);
+                let bound = block.quads.range();
+                let expected = (8 * u64::from(block.first_quad), Some(8 * u64::from(quads)));
+                assert_eq!((bound.offset, bound.bytes), expected);
+                assert!(range < 1000 || bound.bytes <= Some(range), "{range}: {bound:?}");
+                assert_eq!(block.counts.range().bytes, Some(u64::from(quads.div_ceil(4) * 4)));
             }
             assert_eq!(next, 3000);
         }

@@ -1,14 +1,15 @@
 //! Recipe of `multibounce_eliminate`: the inverse of a symmetric positive definite matrix on the device, block by
 //! block.
 
-use gpu_kernels::table::{MULTIBOUNCE_ELIMINATE, MULTIBOUNCE_PIVOT_ROWS, MULTIBOUNCE_SCALED_ROWS};
+use glam::Vec4;
+use gpu_kernels::multibounce::{EliminatePass, PivotRowsPass, ScaledRowsPass};
 use multibounce::InvertParams;
 use multibounce::kernel::invert::{PIVOT_ROWS, PIVOT_VECTORS};
 use multibounce::kernel::multiply::{TILE_ROWS, TILE_VECTORS};
 
 use super::multiply::TILE_COLUMNS;
 use crate::executor::{Executor, ExecutorError};
-use crate::plan::{BufferId, PassId, Plan};
+use crate::plan::{PassId, Plan, Slice};
 
 /// Rows of a block.
 pub const BLOCK: usize = PIVOT_ROWS as usize;
@@ -18,9 +19,9 @@ pub const BLOCK: usize = PIVOT_ROWS as usize;
 pub struct Inverse {
     size: usize,
     row_bytes: u64,
-    matrix: BufferId,
-    pivot_block: BufferId,
-    inverse: BufferId,
+    matrix: Slice<Vec4>,
+    pivot_block: Slice<Vec4>,
+    inverse: Slice<Vec4>,
     scale: PassId,
     panels: Vec<Panel>,
 }
@@ -45,41 +46,39 @@ impl Inverse {
         let row_bytes = (size * size_of::<f32>()) as u64;
         let vectors = (size / 4) as u32;
         let mut plan = Plan::new();
-        let matrix = plan.storage("matrix", size as u64 * row_bytes);
-        let block_bytes = (BLOCK * BLOCK * size_of::<f32>()) as u64;
-        let pivot_block = plan.storage("pivot block", block_bytes);
-        let inverse = plan.storage("inverse of the block", block_bytes);
-        let pivot_rows = plan.storage("pivot rows", BLOCK as u64 * row_bytes);
-        let scaled_rows = plan.storage("scaled rows", BLOCK as u64 * row_bytes);
+        let row = size / 4;
+        let matrix = plan.array("matrix", size * row);
+        let pivot_block = plan.array("pivot block", BLOCK * BLOCK / 4);
+        let inverse = plan.array("inverse of the block", BLOCK * BLOCK / 4);
+        let pivot_rows = plan.array("pivot rows", BLOCK * row);
+        let scaled_rows = plan.array("scaled rows", BLOCK * row);
         let most = usize::try_from(range / row_bytes).unwrap_or(usize::MAX).min(size);
         let rows_at_once = (most / BLOCK * BLOCK).max(BLOCK);
         let mut panels = Vec::new();
         for first_row in (0..size).step_by(rows_at_once) {
             let rows = rows_at_once.min(size - first_row);
-            let part = matrix.range(first_row as u64 * row_bytes, rows as u64 * row_bytes);
+            let part = matrix.part(first_row * row, rows * row);
             let params = InvertParams { vectors, first_row: first_row as u32, rows: rows as u32, ..Default::default() };
             let block = InvertParams { count: PIVOT_ROWS * PIVOT_VECTORS, width: PIVOT_VECTORS, ..params };
             let all = InvertParams { count: PIVOT_ROWS * vectors, width: vectors, ..params };
             let tiles = InvertParams { count: params.rows / TILE_ROWS * vectors / TILE_VECTORS, ..params };
-            let bound = [inverse.into(), pivot_rows.into(), scaled_rows.into(), part];
-            let mut rows_of = |to: BufferId, params: &InvertParams| {
-                plan.pass("pivot rows", &MULTIBOUNCE_PIVOT_ROWS, &[part, to.into()], params, params.count)
-            };
+            let of_block = PivotRowsPass { matrix: part, pivot_rows: pivot_block };
+            let of_rows = PivotRowsPass { matrix: part, pivot_rows };
+            let bound = EliminatePass { inverse, pivot_rows, scaled_rows, matrix: part };
             panels.push(Panel {
                 first_row,
                 rows,
-                pivot_block: rows_of(pivot_block, &block)?,
-                pivot_rows: rows_of(pivot_rows, &all)?,
-                eliminate: plan.pass("eliminate", &MULTIBOUNCE_ELIMINATE, &bound, &tiles, tiles.count)?,
+                pivot_block: plan.add("pivot rows", &of_block, &block)?,
+                pivot_rows: plan.add("pivot rows", &of_rows, &all)?,
+                eliminate: plan.add("eliminate", &bound, &tiles)?,
             });
         }
         let params = InvertParams { count: PIVOT_ROWS * vectors, vectors, ..Default::default() };
-        let bound = [inverse.into(), pivot_rows.into(), scaled_rows.into()];
-        let scale = plan.pass("scaled rows", &MULTIBOUNCE_SCALED_ROWS, &bound, &params, params.count)?;
+        let scale = plan.add("scaled rows", &ScaledRowsPass { inverse, pivot_rows, scaled_rows }, &params)?;
         device.load(plan)?;
         // All of them are zeros; this only says that they may be read.
         for buffer in [pivot_block, pivot_rows] {
-            device.upload_at(buffer, 0, &[0; 4])?;
+            device.upload_at(buffer.buffer, 0, &[0; 4])?;
         }
         Ok(Self { size, row_bytes, matrix, pivot_block, inverse, scale, panels })
     }
@@ -100,7 +99,7 @@ impl Inverse {
     /// # Errors
     /// Rows that do not fit; what the device says.
     pub fn upload_rows(&self, device: &mut dyn Executor, first_row: usize, rows: &[f32]) -> Result<(), ExecutorError> {
-        device.upload_at(self.matrix, first_row as u64 * self.row_bytes, bytemuck::cast_slice(rows))
+        device.upload_at(self.matrix.buffer, first_row as u64 * self.row_bytes, bytemuck::cast_slice(rows))
     }
 
     /// The next block on the diagonal, number `step`, 64 × 64 entries row by row. Waits.
@@ -120,7 +119,7 @@ impl Inverse {
             device.push(panel.pivot_block, &params)?;
             device.submit_passes(&[panel.pivot_block])?;
         }
-        device.download_table(self.pivot_block)
+        device.download_table(self.pivot_block.cast())
     }
 
     /// Eliminates that block, of which `inverse` is the inverse.
@@ -134,7 +133,7 @@ impl Inverse {
         inverse: &[f32],
     ) -> Result<(), ExecutorError> {
         let pivot = step * BLOCK;
-        device.upload(self.inverse, inverse)?;
+        device.upload(self.inverse.cast(), inverse)?;
         let vectors = (self.size / 4) as u32;
         let mut passes = Vec::new();
         for panel in &self.panels {
@@ -157,7 +156,7 @@ impl Inverse {
     /// # Errors
     /// What the device says.
     pub fn download(&self, device: &mut (dyn Executor + 'static)) -> Result<Vec<f32>, ExecutorError> {
-        device.download_table(self.matrix)
+        device.download_table(self.matrix.cast())
     }
 
     fn params(&self, panel: &Panel, pivot: usize) -> InvertParams {

@@ -7,16 +7,16 @@
 use std::sync::Arc;
 
 use glam::{UVec2, Vec4};
+use gpu_kernels::localmatrix::{MeanPass, ShowLeavesPass, SpreadPass};
 use gpu_kernels::params::CountParams;
-use gpu_kernels::table;
 use localmatrix::LevelParams;
 use patches::{EMPTY_CELL, Lookup, LookupParams, LookupPatch};
 use scene::{Rgb, SurfacePoint};
 
+use super::Tables;
 use super::formfactor::Surfaces;
-use super::{Tables, add_pass, rgb_bytes};
 use crate::executor::{Executor, ExecutorError};
-use crate::plan::{BufferId, PassId, Plan, Range};
+use crate::plan::{PassId, Plan, Slice};
 
 /// Levels begin at multiples of this among the values: ranges of a buffer begin at multiples of 256 bytes.
 const LEVEL_STEP: usize = 64;
@@ -119,7 +119,7 @@ impl LevelTables {
 
 /// The passes from the slots to the leaves.
 pub struct LeafLight {
-    slot_of: BufferId,
+    slot_of: Slice<u32>,
     passes: Vec<PassId>,
     show: PassId,
 }
@@ -134,27 +134,23 @@ impl LeafLight {
         plan: &mut Plan,
         tables: &mut Tables,
         levels: &Arc<LevelTables>,
-        irradiance: BufferId,
-        [shown, offset]: [BufferId; 2],
+        irradiance: Slice<Rgb>,
+        [shown, offset]: [Slice<Rgb>; 2],
     ) -> Result<Self, ExecutorError> {
         const PASS: &str = "lookup";
         let leaves = levels.leaves.len();
         let count = leaves as u32;
-        let slot_of = plan.storage("slot of", 4 * leaves as u64);
-        let light = plan.storage("level light", rgb_bytes(levels.area.len()));
-        let area = tables.part(plan, "level area", levels, |levels| &levels.area).buffer;
-        let part = |buffer: BufferId, level: usize, stride: usize| -> Range {
-            buffer.range((stride * levels.first[level]) as u64, (stride * levels.counts[level]) as u64)
-        };
-        let light_of = |level: usize| part(light, level, size_of::<Rgb>());
+        let slot_of = plan.array("slot of", leaves);
+        let light: Slice<Rgb> = plan.array("level light", levels.area.len());
+        let area = tables.part(plan, "level area", levels, |levels| &levels.area);
+        let light_of = |level: usize| light.part(levels.first[level], levels.counts[level]);
 
         let from_slots = match levels.sky.is_empty() {
             true => light_of(0),
-            false => plan.storage("from slots", rgb_bytes(leaves)).into(),
+            false => plan.array("from slots", leaves),
         };
-        let own = [("slot_of", slot_of.into()), ("irradiance", irradiance.into()), ("leaves", from_slots)];
-        let spread = &table::LOCALMATRIX_SPREAD;
-        let mut passes = vec![add_pass(plan, PASS, spread, &own, &[], &CountParams { count }, count)?];
+        let spread = SpreadPass { slot_of, irradiance, leaves: from_slots };
+        let mut passes = vec![plan.add(PASS, &spread, &CountParams { count })?];
         if !levels.sky.is_empty() {
             let sum = Surfaces {
                 count,
@@ -167,26 +163,25 @@ impl LeafLight {
         }
         for (below, children) in levels.children.iter().enumerate() {
             let count = CountParams { count: children.len() as u32 };
-            let own = [
-                ("runs", tables.owned(plan, "children", children.clone())),
-                ("area", part(area, below, size_of::<f32>())),
-                ("exitance", light_of(below)),
-                ("light", light_of(below + 1)),
-            ];
-            passes.push(add_pass(plan, PASS, &table::LOCALMATRIX_MEAN, &own, &[], &count, count.count)?);
+            let mean = MeanPass {
+                runs: tables.owned(plan, "children", children.clone()),
+                area: area.part(levels.first[below], levels.counts[below]),
+                exitance: light_of(below),
+                light: light_of(below + 1),
+            };
+            passes.push(plan.add(PASS, &mean, &count)?);
         }
-        let own = [
-            ("leaves", tables.part(plan, "leaves", levels, |levels| &levels.leaves)),
-            ("light", light.into()),
-            ("lookups", tables.part(plan, "level lookups", levels, |levels| &levels.lookups)),
-            ("cells", tables.part(plan, "level cells", levels, |levels| &levels.cells)),
-            ("offsets", tables.part(plan, "level offsets", levels, |levels| &levels.offsets)),
-            ("entries", tables.part(plan, "level entries", levels, |levels| &levels.entries)),
-            ("offset", offset.into()),
-            ("shown", shown.into()),
-        ];
-        let params = LevelParams { count, ..LevelParams::default() };
-        let show = add_pass(plan, PASS, &table::LOCALMATRIX_SHOW_LEAVES, &own, &[], &params, count)?;
+        let bound = ShowLeavesPass {
+            leaves: tables.part(plan, "leaves", levels, |levels| &levels.leaves),
+            light,
+            lookups: tables.part(plan, "level lookups", levels, |levels| &levels.lookups),
+            cells: tables.part(plan, "level cells", levels, |levels| &levels.cells),
+            offsets: tables.part(plan, "level offsets", levels, |levels| &levels.offsets),
+            entries: tables.part(plan, "level entries", levels, |levels| &levels.entries),
+            offset,
+            shown,
+        };
+        let show = plan.add(PASS, &bound, &LevelParams { count, ..LevelParams::default() })?;
         passes.push(show);
         Ok(Self { slot_of, passes, show })
     }

@@ -2,16 +2,19 @@
 
 use std::time::Instant;
 
-use glam::Vec4;
+use glam::{UVec2, Vec4};
+use gpu_kernels::localmatrix::{
+    CompactPass, CountPass, FadePass, MeanPass, ProductPass, ShowPass, SpreadPass, StartPass, UpdatePass,
+};
 use gpu_kernels::params::CountParams;
-use gpu_kernels::table;
 use localmatrix::kernel::{BLOCK, KEPT};
 use localmatrix::{CameraMatrix, FadeParams, LocalMatrix, SlotParams, Update, UpdateParams};
+use scene::Rgb;
 
-use super::multibounce::reorder;
-use super::{Named, Tables, add_pass, rgb_bytes};
+use super::Tables;
+use super::multibounce::Order;
 use crate::executor::{Executor, ExecutorError};
-use crate::plan::{BufferId, PassId, Plan};
+use crate::plan::{PassId, Plan, Slice};
 
 /// Vectors, and new columns, of an update on the device at most; beyond them the whole matrix is uploaded.
 const UPDATE_CAPACITY: usize = 128;
@@ -33,37 +36,33 @@ pub struct SlotMatrix {
     product: Vec<PassId>,
     updates: [PassId; 3],
     /// Start of each block of lit slots in their list; at the end their number.
-    lit_starts: BufferId,
+    lit_starts: Slice<u32>,
 }
 
 /// The buffers of a matrix between slots.
 #[derive(Clone, Copy)]
 struct SlotBuffers {
-    planes: [BufferId; 3],
-    sqrt_area: BufferId,
-    visible: BufferId,
-    vectors: BufferId,
-    columns: BufferId,
-    new_column: BufferId,
-    irradiance: BufferId,
+    planes: [Slice<f32>; 3],
+    sqrt_area: Slice<f32>,
+    visible: Slice<Rgb>,
+    vectors: Slice<f32>,
+    columns: Slice<f32>,
+    new_column: Slice<u32>,
+    irradiance: Slice<Rgb>,
 }
 
 impl SlotBuffers {
     fn new(plan: &mut Plan, slots: usize) -> Self {
         Self {
-            planes: ["red", "green", "blue"].map(|name| plan.storage(name, words(slots * slots))),
-            sqrt_area: plan.storage("sqrt area", words(slots)),
-            visible: plan.storage("visible", rgb_bytes(slots)),
-            vectors: plan.storage("vectors", words(3 * UPDATE_CAPACITY * slots)),
-            columns: plan.storage("columns", words(3 * UPDATE_CAPACITY * slots)),
-            new_column: plan.storage("new column", words(slots)),
-            irradiance: plan.storage("slot irradiance", rgb_bytes(slots)),
+            planes: ["red", "green", "blue"].map(|name| plan.array(name, slots * slots)),
+            sqrt_area: plan.array("sqrt area", slots),
+            visible: plan.array("visible", slots),
+            vectors: plan.array("vectors", 3 * UPDATE_CAPACITY * slots),
+            columns: plan.array("columns", 3 * UPDATE_CAPACITY * slots),
+            new_column: plan.array("new column", slots),
+            irradiance: plan.array("slot irradiance", slots),
         }
     }
-}
-
-fn words(count: usize) -> u64 {
-    4 * count as u64
 }
 
 impl SlotMatrix {
@@ -73,7 +72,7 @@ impl SlotMatrix {
     ///
     /// # Errors
     /// Buffers that are too short.
-    pub fn new(plan: &mut Plan, slots: usize, exitance: BufferId) -> Result<Self, ExecutorError> {
+    pub fn new(plan: &mut Plan, slots: usize, exitance: Slice<Rgb>) -> Result<Self, ExecutorError> {
         let b = SlotBuffers::new(plan, slots);
         let mut product = Vec::new();
         let lit = add_list(plan, &mut product, slots, exitance, ["lit counts", "lit starts", "lit"])?;
@@ -95,7 +94,7 @@ impl SlotMatrix {
     }
 
     /// Irradiance of the slots that hold a patch, W/m²; of the others it has no meaning.
-    pub fn irradiance(&self) -> BufferId {
+    pub fn irradiance(&self) -> Slice<Rgb> {
         self.buffers.irradiance
     }
 
@@ -151,7 +150,7 @@ impl SlotMatrix {
     /// # Errors
     /// What the device says.
     pub fn lit(&self, executor: &mut (dyn Executor + 'static)) -> Result<usize, ExecutorError> {
-        Ok(executor.download_table::<u32>(self.lit_starts)?.last().map_or(0, |&count| count as usize))
+        Ok(executor.download_table(self.lit_starts)?.last().map_or(0, |&count| count as usize))
     }
 
     fn upload_planes(
@@ -212,26 +211,26 @@ pub struct MatrixCopy {
 /// The buffers between leaves and slots.
 #[derive(Clone, Copy)]
 struct LeafBuffers {
-    runs: BufferId,
-    slot_of: BufferId,
-    offset: BufferId,
-    before: BufferId,
-    now: BufferId,
+    runs: Slice<UVec2>,
+    slot_of: Slice<u32>,
+    offset: Slice<Rgb>,
+    before: Slice<Rgb>,
+    now: Slice<Rgb>,
     /// Light at the leaves and at the slots.
-    at_leaves: BufferId,
-    mean: BufferId,
+    at_leaves: Slice<Rgb>,
+    mean: Slice<Rgb>,
 }
 
 impl LeafBuffers {
     fn new(plan: &mut Plan, slots: usize, leaves: usize) -> Self {
         Self {
-            runs: plan.storage("runs", 8 * slots as u64),
-            slot_of: plan.storage("slot of", words(leaves)),
-            at_leaves: plan.storage("leaf exitance", rgb_bytes(leaves)),
-            mean: plan.storage("slot exitance", rgb_bytes(slots)),
-            before: plan.storage("before", rgb_bytes(leaves)),
-            now: plan.storage("now", rgb_bytes(leaves)),
-            offset: plan.storage("offset", rgb_bytes(leaves)),
+            runs: plan.array("runs", slots),
+            slot_of: plan.array("slot of", leaves),
+            at_leaves: plan.array("leaf exitance", leaves),
+            mean: plan.array("slot exitance", slots),
+            before: plan.array("before", leaves),
+            now: plan.array("now", leaves),
+            offset: plan.array("offset", leaves),
         }
     }
 }
@@ -246,8 +245,8 @@ impl MatrixCopy {
         plan: &mut Plan,
         tables: &mut Tables,
         matrix: &CameraMatrix,
-        source: BufferId,
-        irradiance: BufferId,
+        source: Slice<Rgb>,
+        irradiance: Slice<Rgb>,
     ) -> Result<Self, ExecutorError> {
         let order = matrix.order().to_vec();
         let slot_count = matrix.local().matrix().slots();
@@ -261,24 +260,22 @@ impl MatrixCopy {
         let b = LeafBuffers::new(plan, slot_count, leaf_count);
 
         let count = CountParams { count: leaf_count as u32 };
-        let order = reorder(plan, "method", order, scale, source, b.at_leaves, count.count)?;
-        let own = [("runs", b.runs.into()), ("area", area), ("exitance", b.at_leaves.into()), ("light", b.mean.into())];
-        let at_slots = CountParams { count: slot_count as u32 };
-        let mean = add_pass(plan, "method", &table::LOCALMATRIX_MEAN, &own, &[], &at_slots, at_slots.count)?;
+        let order = Order::new(order, scale, leaf_count).add(plan, "method", source, b.at_leaves)?;
+        let mean = MeanPass { runs: b.runs, area, exitance: b.at_leaves, light: b.mean };
+        let mean = plan.add("method", &mean, &CountParams { count: slot_count as u32 })?;
         let slots = SlotMatrix::new(plan, slot_count, b.mean)?;
         let product = [mean].into_iter().chain(slots.product().iter().copied()).collect();
-        let before = add_spread(plan, &b, slots.irradiance(), leaf_count, b.before)?;
-        let now = add_spread(plan, &b, slots.irradiance(), leaf_count, b.now)?;
-        let own = [("before", b.before.into()), ("now", b.now.into()), ("offset", b.offset.into())];
-        let push = FadeParams { count: count.count, ..FadeParams::default() };
-        let fade = add_pass(plan, "method", &table::LOCALMATRIX_FADE, &own, &[], &push, push.count)?;
-        let own = [
-            ("leaf_of", leaf_of),
-            ("now", b.now.into()),
-            ("offset", b.offset.into()),
-            ("irradiance", irradiance.into()),
-        ];
-        let show = add_pass(plan, "method", &table::LOCALMATRIX_SHOW, &own, &[], &count, count.count)?;
+        let irradiance_of_slots = slots.irradiance();
+        let mut spread = |leaves: Slice<Rgb>| {
+            let spread = SpreadPass { slot_of: b.slot_of, irradiance: irradiance_of_slots, leaves };
+            plan.add("method", &spread, &count)
+        };
+        let before = spread(b.before)?;
+        let now = spread(b.now)?;
+        let fade = FadePass { before: b.before, now: b.now, offset: b.offset };
+        let fade = plan.add("method", &fade, &FadeParams { count: count.count, ..FadeParams::default() })?;
+        let show = ShowPass { leaf_of, now: b.now, offset: b.offset, irradiance };
+        let show = plan.add("method", &show, &count)?;
         Ok(Self { slots, leaves: b, order, product, before, now, fade, show, is_there: false })
     }
 
@@ -337,15 +334,15 @@ impl MatrixCopy {
         matrix: &CameraMatrix,
     ) -> Result<(), ExecutorError> {
         let (slot_of, runs) = matrix.local().places();
-        executor.upload(self.leaves.runs, &runs)?;
+        executor.upload(self.leaves.runs.cast(), &runs)?;
         executor.upload(self.leaves.slot_of, &slot_of)
     }
 }
 
 /// Lists of slots that are not dark, or that are seen.
 struct SlotList {
-    starts: BufferId,
-    list: BufferId,
+    starts: Slice<u32>,
+    list: Slice<u32>,
 }
 
 /// Adds the passes of a list of slots whose values are not zero.
@@ -353,21 +350,17 @@ fn add_list(
     plan: &mut Plan,
     passes: &mut Vec<PassId>,
     slots: usize,
-    values: BufferId,
+    values: Slice<Rgb>,
     [counts, starts, list]: [&str; 3],
 ) -> Result<SlotList, ExecutorError> {
     let blocks = slots.div_ceil(BLOCK as usize);
-    let counts = plan.storage(counts, words(blocks));
-    let starts = plan.storage(starts, words(blocks + 1));
-    let list = plan.storage(list, words(slots));
-    let own: [Named; 4] =
-        [("values", values.into()), ("counts", counts.into()), ("starts", starts.into()), ("list", list.into())];
+    let counts = plan.array(counts, blocks);
+    let starts = plan.array(starts, blocks + 1);
+    let list = plan.array(list, slots);
     let push = SlotParams { count: blocks as u32, slots: slots as u32 };
-    passes.push(add_pass(plan, "method", &table::LOCALMATRIX_COUNT, &own, &[], &push, push.count)?);
-    let push = CountParams { count: blocks as u32 + 1 };
-    passes.push(add_pass(plan, "method", &table::LOCALMATRIX_START, &own, &[], &push, push.count)?);
-    let push = CountParams { count: slots as u32 };
-    passes.push(add_pass(plan, "method", &table::LOCALMATRIX_COMPACT, &own, &[], &push, push.count)?);
+    passes.push(plan.add("method", &CountPass { values, counts }, &push)?);
+    passes.push(plan.add("method", &StartPass { counts, starts }, &CountParams { count: blocks as u32 + 1 })?);
+    passes.push(plan.add("method", &CompactPass { starts, values, list }, &CountParams { count: slots as u32 })?);
     Ok(SlotList { starts, list })
 }
 
@@ -376,50 +369,31 @@ fn add_product(
     plan: &mut Plan,
     b: &SlotBuffers,
     slots: usize,
-    exitance: BufferId,
+    exitance: Slice<Rgb>,
     lit: &SlotList,
     visible: &SlotList,
 ) -> Result<PassId, ExecutorError> {
-    let own = [
-        ("lit_starts", lit.starts.into()),
-        ("lit", lit.list.into()),
-        ("visible_starts", visible.starts.into()),
-        ("visible", visible.list.into()),
-        ("red", b.planes[0].into()),
-        ("green", b.planes[1].into()),
-        ("blue", b.planes[2].into()),
-        ("sqrt_area", b.sqrt_area.into()),
-        ("light", exitance.into()),
-        ("irradiance", b.irradiance.into()),
-    ];
-    let push = SlotParams { count: slots as u32, slots: slots as u32 };
-    add_pass(plan, "method", &table::LOCALMATRIX_PRODUCT, &own, &[], &push, push.count)
-}
-
-/// Adds the pass that takes the irradiance of the slots to the leaves that they stand for.
-fn add_spread(
-    plan: &mut Plan,
-    b: &LeafBuffers,
-    irradiance: BufferId,
-    count: usize,
-    leaves: BufferId,
-) -> Result<PassId, ExecutorError> {
-    let own = [("slot_of", b.slot_of.into()), ("irradiance", irradiance.into()), ("leaves", leaves.into())];
-    let push = CountParams { count: count as u32 };
-    add_pass(plan, "method", &table::LOCALMATRIX_SPREAD, &own, &[], &push, push.count)
+    let [red, green, blue] = b.planes;
+    let product = ProductPass {
+        lit_starts: lit.starts,
+        lit: lit.list,
+        visible_starts: visible.starts,
+        visible: visible.list,
+        red,
+        green,
+        blue,
+        sqrt_area: b.sqrt_area,
+        light: exitance,
+        irradiance: b.irradiance,
+    };
+    Ok(plan.add("method", &product, &SlotParams { count: slots as u32, slots: slots as u32 })?)
 }
 
 /// Adds the pass of an update of one channel.
-fn add_update(plan: &mut Plan, b: &SlotBuffers, slots: usize, plane: BufferId) -> Result<PassId, ExecutorError> {
-    let own = [
-        ("vectors", b.vectors.into()),
-        ("columns", b.columns.into()),
-        ("new_column", b.new_column.into()),
-        ("plane", plane.into()),
-    ];
-    let count = (slots * slots / 4) as u32;
-    let push = UpdateParams { count, slots: slots as u32, ..UpdateParams::default() };
-    add_pass(plan, "update", &table::LOCALMATRIX_UPDATE, &own, &[], &push, count)
+fn add_update(plan: &mut Plan, b: &SlotBuffers, slots: usize, plane: Slice<f32>) -> Result<PassId, ExecutorError> {
+    let update = UpdatePass { vectors: b.vectors, columns: b.columns, new_column: b.new_column, plane };
+    let push = UpdateParams { count: (slots * slots / 4) as u32, slots: slots as u32, ..UpdateParams::default() };
+    Ok(plan.add("update", &update, &push)?)
 }
 
 #[cfg(test)]
@@ -471,7 +445,7 @@ mod tests {
         let mut matrix = CameraMatrix::new(Box::new(table), order, &settings, Vec3::ZERO, &|_| true).unwrap();
         let mut plan = Plan::new();
         let mut tables = Tables::new();
-        let [source, irradiance] = ["source", "irradiance"].map(|name| plan.storage(name, rgb_bytes(PATCHES)));
+        let [source, irradiance] = ["source", "irradiance"].map(|name| plan.array(name, PATCHES));
         let mut copy = MatrixCopy::new(&mut plan, &mut tables, &matrix, source, irradiance).unwrap();
         let mut executor: Box<dyn Executor> = Box::new(Cpu::new());
         executor.load(plan).unwrap();
@@ -484,7 +458,7 @@ mod tests {
             let found = if on_device {
                 executor.upload(source, &e).unwrap();
                 copy.frame(executor.as_mut(), &mut matrix).unwrap();
-                executor.download_table::<Vec4>(irradiance).unwrap()
+                executor.download_table(irradiance).unwrap()
             } else {
                 matrix.irradiance(&e, &|| 0.0).unwrap().irradiance
             };

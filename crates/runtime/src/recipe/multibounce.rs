@@ -6,18 +6,22 @@ mod dense;
 mod low_rank;
 
 use glam::Vec4;
-use gpu_kernels::table::{self, Kernel};
+use gpu_kernels::multibounce::{FeedbackPass, ReorderPass};
+use gpu_kernels::params::CountParams;
 use multibounce::Acceleration;
+use scene::Rgb;
 
-use super::{Tables, add_pass, formfactor::Surfaces};
+use super::{Tables, formfactor::Surfaces};
 use crate::executor::{Executor, ExecutorError};
-use crate::plan::{BufferId, PassId, Plan, Range};
+use crate::plan::{PassId, Plan, Slice};
 
 pub use blocks::{BlockTables, Decoder};
 pub use dense::{DenseTables, planar, planar_columns};
 pub use low_rank::LowRankTables;
 
 /// An operator's tables on the device, and what a product keeps between its passes.
+// A plan has one or two of them.
+#[allow(clippy::large_enum_variant)]
 #[derive(Clone, Debug)]
 pub enum OperatorTables {
     /// Entries one by one, in single or half precision.
@@ -38,8 +42,8 @@ impl OperatorTables {
         plan: &mut Plan,
         pass: &str,
         range: u64,
-        exitance: BufferId,
-        irradiance: BufferId,
+        exitance: Slice<Rgb>,
+        irradiance: Slice<Rgb>,
     ) -> Result<(), ExecutorError> {
         match self {
             Self::Dense(dense) => dense.product(plan, pass, range, exitance, irradiance),
@@ -58,18 +62,18 @@ pub fn accelerated_bounce(
     plan: &mut Plan,
     pass: &str,
     surfaces: &Surfaces,
-    change: BufferId,
+    change: Slice<Rgb>,
     acceleration: &Acceleration,
 ) -> Result<PassId, ExecutorError> {
-    let own = [("change", Range::from(change))];
-    let push = acceleration.params(surfaces.count);
-    add_pass(plan, pass, &table::MULTIBOUNCE_FEEDBACK, &own, &surfaces.bindings(), &push, push.count)
+    let Surfaces { count, albedo, source, irradiance, exitance } = *surfaces;
+    let bound = FeedbackPass { source, albedo, irradiance, change, exitance };
+    Ok(plan.add(pass, &bound, &acceleration.params(count))?)
 }
 
 /// The product with an operator alone, loaded into an executor.
 pub struct Product {
-    exitance: BufferId,
-    irradiance: BufferId,
+    exitance: Slice<Rgb>,
+    irradiance: Slice<Rgb>,
 }
 
 impl Product {
@@ -87,8 +91,8 @@ impl Product {
         let mut plan = Plan::new();
         let mut tables = Tables::new();
         let operator = make(&mut plan, &mut tables);
-        let exitance = plan.storage("exitance", super::rgb_bytes(columns));
-        let irradiance = plan.storage("irradiance", super::rgb_bytes(rows));
+        let exitance = plan.array("exitance", columns);
+        let irradiance = plan.array("irradiance", rows);
         operator.product(&mut plan, "product", range, exitance, irradiance)?;
         executor.load(plan)?;
         tables.upload(executor)?;
@@ -116,22 +120,29 @@ impl Product {
     }
 }
 
-/// Adds a pass that reorders RGB values: `output[k] = scale[k] ∘ input[order[k]]`, zero where the order names none.
-pub(super) fn reorder(
-    plan: &mut Plan,
-    pass: &str,
-    order: Range,
-    scale: Range,
-    input: impl Into<Range>,
-    output: impl Into<Range>,
+/// An order of RGB values: patches at permuted indices, with a factor for each.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Order {
+    order: Slice<u32>,
+    scale: Slice<Vec4>,
     count: u32,
-) -> Result<PassId, ExecutorError> {
-    let own = [("order", order), ("scale", scale), ("input", input.into()), ("output", output.into())];
-    let push = gpu_kernels::params::CountParams { count };
-    add_pass(plan, pass, &table::MULTIBOUNCE_REORDER, &own, &[], &push, count)
 }
 
-/// The gathering kernel of dense operators in single precision.
-const DENSE: &Kernel = &table::FORMFACTOR_GATHER;
-/// Kernel for half precision.
-const HALF: &Kernel = &table::FORMFACTOR_GATHER_HALF;
+impl Order {
+    /// Adds the pass of `output[k] = scale[k] ∘ input[order[k]]`, zero where the order names none.
+    pub fn add(
+        &self,
+        plan: &mut Plan,
+        pass: &str,
+        input: Slice<Rgb>,
+        output: Slice<Rgb>,
+    ) -> Result<PassId, ExecutorError> {
+        let Self { order, scale, count } = *self;
+        Ok(plan.add(pass, &ReorderPass { order, scale, input, output }, &CountParams { count })?)
+    }
+
+    /// The order of so many values.
+    pub fn new(order: Slice<u32>, scale: Slice<Vec4>, count: usize) -> Self {
+        Self { order, scale, count: count as u32 }
+    }
+}

@@ -1,11 +1,12 @@
 //! Recipe of `multibounce_multiply`: operators of some bounces built on the device, by Horner's rule.
 
-use gpu_kernels::table::MULTIBOUNCE_MULTIPLY;
+use glam::Vec4;
+use gpu_kernels::multibounce::MultiplyPass;
 use multibounce::MultiplyParams;
 use multibounce::kernel::multiply::{TILE_ROWS, TILE_VECTORS};
 
 use crate::executor::{Executor, ExecutorError};
-use crate::plan::{BufferId, PassId, Plan, Range};
+use crate::plan::{PassId, Plan, Slice};
 
 /// Columns of a tile: matrices on the device have a multiple of them.
 pub const TILE_COLUMNS: usize = 4 * TILE_VECTORS as usize;
@@ -17,9 +18,9 @@ const MAX_PRODUCTS: usize = 1 << 34;
 /// The products `T_{k+1} = F + F diag(ρ) T_k` on a device: F, T_k and T_{k+1}, each of `size` × `size` numbers.
 pub struct Products {
     size: usize,
-    factors: BufferId,
-    albedo: BufferId,
-    operators: [BufferId; 2],
+    factors: Slice<Vec4>,
+    albedo: Slice<Vec4>,
+    operators: [Slice<Vec4>; 2],
     /// Passes of the panels of `F + F diag(ρ) F`, of what follows, and of what follows that.
     passes: [Vec<Vec<PassId>>; 3],
 }
@@ -27,7 +28,6 @@ pub struct Products {
 /// Division of a product into passes.
 struct Cut {
     size: usize,
-    row_bytes: u64,
     rows_at_once: usize,
     inner_at_once: usize,
 }
@@ -41,12 +41,12 @@ impl Products {
         let cut = Cut::new(n, range);
         let size = cut.size;
         let mut plan = Plan::new();
-        let matrix_bytes = size as u64 * cut.row_bytes;
-        let factors = plan.storage("form factors", matrix_bytes);
-        let albedo = plan.storage("albedo", cut.row_bytes);
-        let first = plan.storage("operator", matrix_bytes);
+        let vectors = size / 4;
+        let factors = plan.array("form factors", size * vectors);
+        let albedo = plan.array("albedo", vectors);
+        let first = plan.array("operator", size * vectors);
         // Two bounces are one product.
-        let second = if bounces > 2 { plan.storage("next operator", matrix_bytes) } else { first };
+        let second = if bounces > 2 { plan.array("next operator", size * vectors) } else { first };
         let begin = cut.add_step(&mut plan, factors, albedo, factors, first)?;
         let mut there = Vec::new();
         let mut back = Vec::new();
@@ -57,7 +57,7 @@ impl Products {
         device.load(plan)?;
         // All of it is zeros; this only says that it may be read, for sums go on from it.
         for buffer in [first, second] {
-            device.upload_at(buffer, 0, &[0; 4])?;
+            device.upload_at(buffer.buffer, 0, &[0; 4])?;
         }
         Ok(Self { size, factors, albedo, operators: [first, second], passes: [begin, there, back] })
     }
@@ -78,7 +78,7 @@ impl Products {
     /// Rows that do not fit; what the device says.
     pub fn upload_rows(&self, device: &mut dyn Executor, first_row: usize, rows: &[f32]) -> Result<(), ExecutorError> {
         let offset = (first_row * self.size * size_of::<f32>()) as u64;
-        device.upload_at(self.factors, offset, bytemuck::cast_slice(rows))
+        device.upload_at(self.factors.buffer, offset, bytemuck::cast_slice(rows))
     }
 
     /// Sets ρ of all patches in one channel, [`Self::size`] numbers.
@@ -86,7 +86,7 @@ impl Products {
     /// # Errors
     /// Another number of them; what the device says.
     pub fn set_albedo(&self, device: &mut (dyn Executor + 'static), albedo: &[f32]) -> Result<(), ExecutorError> {
-        device.upload(self.albedo, albedo)
+        device.upload(self.albedo.cast(), albedo)
     }
 
     /// Passes of a step, panel by panel.
@@ -95,8 +95,8 @@ impl Products {
     }
 
     /// Buffer of the result after so many steps.
-    pub fn result(&self, steps: usize) -> BufferId {
-        self.operators[(steps + 1) % 2]
+    pub fn result(&self, steps: usize) -> Slice<f32> {
+        self.operators[(steps + 1) % 2].cast()
     }
 }
 
@@ -109,17 +109,17 @@ impl Cut {
         let most_rows = bound.min(MAX_PRODUCTS / (size * size).max(1));
         let rows_at_once = (most_rows / tile_rows * tile_rows).max(tile_rows);
         let inner_at_once = (bound / 4 * 4).max(4);
-        Self { size, row_bytes, rows_at_once, inner_at_once }
+        Self { size, rows_at_once, inner_at_once }
     }
 
     /// Adds the passes of `to = to + F diag(ρ) from`, panel by panel.
     fn add_step(
         &self,
         plan: &mut Plan,
-        factors: BufferId,
-        albedo: BufferId,
-        from: BufferId,
-        to: BufferId,
+        factors: Slice<Vec4>,
+        albedo: Slice<Vec4>,
+        from: Slice<Vec4>,
+        to: Slice<Vec4>,
     ) -> Result<Vec<Vec<PassId>>, ExecutorError> {
         let mut panels = Vec::new();
         let row_tiles_of = |rows: usize| rows / TILE_ROWS as usize;
@@ -137,9 +137,13 @@ impl Cut {
                     inner: inner as u32 / 4,
                     first_inner: k as u32 / 4,
                 };
-                let bound =
-                    [self.part(factors, row, rows), albedo.into(), self.part(from, k, inner), self.part(to, row, rows)];
-                passes.push(plan.pass("product", &MULTIBOUNCE_MULTIPLY, &bound, &push, tiles)?);
+                let bound = MultiplyPass {
+                    factors: self.part(factors, row, rows),
+                    albedo,
+                    operator: self.part(from, k, inner),
+                    next: self.part(to, row, rows),
+                };
+                passes.push(plan.add("product", &bound, &push)?);
             }
             panels.push(passes);
         }
@@ -147,7 +151,8 @@ impl Cut {
     }
 
     /// Some rows of a matrix.
-    fn part(&self, matrix: BufferId, first: usize, rows: usize) -> Range {
-        matrix.range(first as u64 * self.row_bytes, rows as u64 * self.row_bytes)
+    fn part(&self, matrix: Slice<Vec4>, first: usize, rows: usize) -> Slice<Vec4> {
+        let vectors = self.size / 4;
+        matrix.part(first * vectors, rows * vectors)
     }
 }

@@ -2,53 +2,61 @@
 
 use std::sync::Arc;
 
-use gpu_kernels::table;
-use patches::{Lookup, LookupParams, PackedWeights, WeightParams};
+use gpu_kernels::patches::{LookupPass, MarkReceiversPass, WeighPass, WeighViewPass};
+use patches::{Lookup, LookupParams, LookupPatch, PackedWeights, WeightParams};
+use scene::{Rgb, SurfacePoint};
 
+use super::Tables;
 use super::formfactor::ViewRows;
-use super::{Bindings, Named, Tables, add_pass};
 use crate::executor::{Executor, ExecutorError};
-use crate::plan::{PassId, Plan, Range};
+use crate::plan::{PassId, Plan, Slice};
 
 /// A lookup between patches on the device.
 #[derive(Clone, Copy, Debug)]
 pub struct LookupTables {
-    named: [Named; 3],
+    cells: Slice<u32>,
+    offsets: Slice<u32>,
+    entries: Slice<LookupPatch>,
     params: LookupParams,
 }
 
 impl LookupTables {
     /// Puts the lookup on the device.
     pub fn new(plan: &mut Plan, tables: &mut Tables, lookup: &Arc<Lookup>) -> Self {
-        let named = [
-            tables.named_part(plan, "cells", lookup, |l| &l.cells),
-            tables.named_part(plan, "offsets", lookup, |l| &l.offsets),
-            tables.named_part(plan, "entries", lookup, |l| &l.entries),
-        ];
-        Self { named, params: lookup.params }
+        Self {
+            cells: tables.part(plan, "cells", lookup, |l| &l.cells),
+            offsets: tables.part(plan, "offsets", lookup, |l| &l.offsets),
+            entries: tables.part(plan, "entries", lookup, |l| &l.entries),
+            params: lookup.params,
+        }
     }
 
-    /// Adds the pass of the mean of the patches about each point. Bindings: `values` (of the patches), `points`,
-    /// `irradiance`.
+    /// Adds the pass of the mean of the patches about each of `count` points.
     ///
     /// # Errors
-    /// Buffers that are missing or too short.
+    /// Buffers that are empty or too short.
     pub fn at_points(
         &self,
         plan: &mut Plan,
         pass: &str,
-        bindings: Bindings,
-        points: u32,
+        values: Slice<Rgb>,
+        points: Slice<SurfacePoint>,
+        irradiance: Slice<Rgb>,
+        count: u32,
     ) -> Result<PassId, ExecutorError> {
-        let push = LookupParams { count: points, ..self.params };
-        add_pass(plan, pass, &table::PATCHES_LOOKUP, bindings, &self.named, &push, points)
+        let Self { cells, offsets, entries, params } = *self;
+        let bound = LookupPass { cells, offsets, entries, values, points, irradiance };
+        Ok(plan.add(pass, &bound, &LookupParams { count, ..params })?)
     }
 }
 
 /// Packed weights of receivers on the device.
 #[derive(Clone, Copy, Debug)]
 pub struct WeightTables {
-    named: [Named; 4],
+    row_start: Slice<u32>,
+    list_start: Slice<u32>,
+    lists: Slice<u32>,
+    entries: Slice<u32>,
     params: WeightParams,
 }
 
@@ -71,20 +79,19 @@ impl WeightTables {
         weights: &Arc<PackedWeights>,
         (first_value, parts): (usize, usize),
     ) -> Self {
-        let named = [
-            ("row_start", tables.part(plan, &format!("{name} starts"), weights, |weights| weights.row_start())),
-            ("list_start", tables.part(plan, &format!("{name} list starts"), weights, |weights| weights.list_start())),
-            ("lists", tables.part(plan, &format!("{name} lists"), weights, |weights| weights.lists())),
-            ("entries", tables.part(plan, &format!("{name} entries"), weights, |weights| weights.entries())),
-        ];
-        let params = WeightParams {
-            count: weights.rows() as u32,
-            block_rows: weights.block_rows(),
-            first_value: first_value as u32,
-            parts: parts as u32,
-            ..WeightParams::default()
-        };
-        Self { named, params }
+        Self {
+            row_start: tables.part(plan, &format!("{name} starts"), weights, |weights| weights.row_start()),
+            list_start: tables.part(plan, &format!("{name} list starts"), weights, |weights| weights.list_start()),
+            lists: tables.part(plan, &format!("{name} lists"), weights, |weights| weights.lists()),
+            entries: tables.part(plan, &format!("{name} entries"), weights, |weights| weights.entries()),
+            params: WeightParams {
+                count: weights.rows() as u32,
+                block_rows: weights.block_rows(),
+                first_value: first_value as u32,
+                parts: parts as u32,
+                ..WeightParams::default()
+            },
+        }
     }
 
     /// Adds the pass of the weighted means of what was received.
@@ -95,11 +102,11 @@ impl WeightTables {
         &self,
         plan: &mut Plan,
         pass: &str,
-        received: impl Into<Range>,
-        irradiance: impl Into<Range>,
+        received: Slice<Rgb>,
+        irradiance: Slice<Rgb>,
     ) -> Result<PassId, ExecutorError> {
-        let own = [("received", received.into()), ("irradiance", irradiance.into())];
-        add_pass(plan, pass, &table::PATCHES_WEIGH, &own, &self.named, &self.params, self.params.count)
+        let Self { row_start, list_start, lists, entries, params } = *self;
+        Ok(plan.add(pass, &WeighPass { row_start, list_start, lists, entries, received, irradiance }, &params)?)
     }
 
     /// Adds the pass of those that a view needs.
@@ -110,19 +117,13 @@ impl WeightTables {
         &self,
         plan: &mut Plan,
         pass: &str,
-        received: impl Into<Range>,
-        irradiance: impl Into<Range>,
-        rows: ViewRows,
+        received: Slice<Rgb>,
+        irradiance: Slice<Rgb>,
+        ViewRows { marks, computed }: ViewRows,
     ) -> Result<WeightPass, ExecutorError> {
-        let own = [
-            ("received", received.into()),
-            ("irradiance", irradiance.into()),
-            ("marks", rows.marks),
-            ("computed", rows.computed),
-        ];
-        let params = self.params;
-        let pass = add_pass(plan, pass, &table::PATCHES_WEIGH_VIEW, &own, &self.named, &params, params.count)?;
-        Ok(WeightPass { pass, params })
+        let Self { row_start, list_start, lists, entries, params } = *self;
+        let bound = WeighViewPass { row_start, list_start, lists, entries, received, marks, computed, irradiance };
+        Ok(WeightPass { pass: plan.add(pass, &bound, &params)?, params })
     }
 
     /// Adds the pass that marks what the rows that a view needs take from.
@@ -133,13 +134,12 @@ impl WeightTables {
         &self,
         plan: &mut Plan,
         pass: &str,
-        row_marks: impl Into<Range>,
-        marks: impl Into<Range>,
+        row_marks: Slice<u32>,
+        marks: Slice<u32>,
     ) -> Result<WeightPass, ExecutorError> {
-        let own = [("row_marks", row_marks.into()), ("marks", marks.into())];
-        let params = self.params;
-        let pass = add_pass(plan, pass, &table::PATCHES_MARK_RECEIVERS, &own, &self.named, &params, params.count)?;
-        Ok(WeightPass { pass, params })
+        let Self { row_start, list_start, lists, entries, params } = *self;
+        let bound = MarkReceiversPass { row_start, list_start, lists, entries, row_marks, marks };
+        Ok(WeightPass { pass: plan.add(pass, &bound, &params)?, params })
     }
 }
 

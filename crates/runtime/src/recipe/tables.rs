@@ -6,8 +6,7 @@ use std::sync::Arc;
 use bytemuck::{Pod, cast_slice};
 
 use crate::executor::{Executor, ExecutorError};
-use crate::plan::{BufferId, Plan, Range};
-use crate::recipe::Named;
+use crate::plan::{BufferId, Plan, Slice};
 
 /// Bytes that an executor may keep instead of a copy of its own.
 pub trait Table: Send + Sync {
@@ -61,36 +60,20 @@ impl Tables {
         name: &str,
         owner: &Arc<O>,
         part: fn(&O) -> &[T],
-    ) -> Range {
-        self.add(plan, name, Arc::new(Part { owner: Arc::clone(owner), part }))
+    ) -> Slice<T> {
+        self.add(plan, name, Arc::new(Part { owner: Arc::clone(owner), part })).of()
     }
 
     /// A table that belongs to the plan alone.
-    pub fn owned<T: Pod + Send + Sync>(&mut self, plan: &mut Plan, name: &str, table: Vec<T>) -> Range {
-        self.add(plan, name, Arc::new(table))
-    }
-
-    /// A part of something shared whose buffer has the name of the binding that it is for.
-    pub fn named_part<O: Send + Sync + 'static, T: Pod>(
-        &mut self,
-        plan: &mut Plan,
-        name: &'static str,
-        owner: &Arc<O>,
-        part: fn(&O) -> &[T],
-    ) -> Named {
-        (name, self.part(plan, name, owner, part))
-    }
-
-    /// A table of the plan alone whose buffer has the name of the binding that it is for.
-    pub fn named<T: Pod + Send + Sync>(&mut self, plan: &mut Plan, name: &'static str, table: Vec<T>) -> Named {
-        (name, self.owned(plan, name, table))
+    pub fn owned<T: Pod + Send + Sync>(&mut self, plan: &mut Plan, name: &str, table: Vec<T>) -> Slice<T> {
+        self.add(plan, name, Arc::new(table)).of()
     }
 
     /// Any table.
-    pub fn add(&mut self, plan: &mut Plan, name: &str, table: Arc<dyn Table>) -> Range {
+    pub fn add(&mut self, plan: &mut Plan, name: &str, table: Arc<dyn Table>) -> BufferId {
         let buffer = plan.storage(name, table.bytes().len() as u64);
         self.fill(buffer, table);
-        Range::from(buffer)
+        buffer
     }
 
     /// The contents of a buffer that is in the plan already, such as an image.

@@ -5,13 +5,15 @@ use std::sync::Arc;
 
 use glam::Vec4;
 use gpu_kernels::params::CountParams;
-use gpu_kernels::table::{self, Kernel};
+use gpu_kernels::temporal::{ChangePass, SampleListsPass, SampleTablesPass, SumListsPass, SumTablesPass};
+use gpu_kernels::transport::BouncePass;
+use scene::Rgb;
 use temporal::kernel::sample::{AUTO, CONTROL, NARROW, has};
 use temporal::{AliasTables, Distribution, RayLists, SampleParams, Settings, SumParams};
 
-use super::{Named, Tables, add_pass, rgb_bytes, row_blocks};
+use super::{Tables, row_blocks};
 use crate::executor::{Executor, ExecutorError};
-use crate::plan::{BufferId, PassId, Plan, Range};
+use crate::plan::{PassId, Plan, Slice};
 
 /// Rows begin at multiples of this, and entries: ranges of a buffer begin at multiples of 256 bytes.
 const STEP: usize = 256;
@@ -54,13 +56,13 @@ pub struct SampledRows<'a> {
     /// Settings of the sampling.
     pub settings: Settings,
     /// Exitance is `source + albedo∘reflected`, one for each column.
-    pub source: Range,
+    pub source: Slice<Rgb>,
     /// Albedo of the columns.
-    pub albedo: Range,
+    pub albedo: Slice<Rgb>,
     /// Irradiance of the columns that is reflected, W/m².
-    pub reflected: Range,
+    pub reflected: Slice<Rgb>,
     /// Irradiance found by sampling, one for each row, W/m².
-    pub irradiance: BufferId,
+    pub irradiance: Slice<Rgb>,
 }
 
 /// The passes of [`SampledRows`].
@@ -71,7 +73,7 @@ pub struct SampledPasses {
     change: Vec<PassId>,
     blocks: Vec<Block>,
     /// First exitance and irradiance of a block's rows before the first frame.
-    start: [(BufferId, usize); 2],
+    start: [(Slice<Rgb>, usize); 2],
 }
 
 /// Rows that one binding shows.
@@ -91,13 +93,12 @@ impl SampledPasses {
     /// Buffers that are too short.
     pub fn new(plan: &mut Plan, tables: &mut Tables, level: &SampledRows, range: u64) -> Result<Self, ExecutorError> {
         let rows = level.rows.distribution();
-        let seen = plan.storage("seen", rgb_bytes(rows.columns()));
+        let seen = plan.array("seen", rows.columns());
         let (change, change_passes) = add_change(plan, level, seen)?;
         let entries = EntryTables::new(plan, tables, level.rows);
-        let light = [("exitance", Range::from(seen)), ("change", Range::from(change))];
         let mut blocks = Vec::new();
         for own in row_blocks(rows.rows(), STEP, |first, end| entries.fits(first, end, range)) {
-            blocks.push(add_block(plan, level, &entries, &light, own)?);
+            blocks.push(add_block(plan, level, &entries, [seen, change], own)?);
         }
         let start = [(seen, rows.columns()), (level.irradiance, rows.rows())];
         Ok(Self { settings: level.settings, options: rows.options(), change: change_passes, blocks, start })
@@ -129,7 +130,6 @@ impl SampledPasses {
                 options: self.options,
             };
             executor.push(block.sum, &push)?;
-            executor.set_elements(block.sum, block.rows)?;
             executor.submit_passes(&[block.sum])?;
         }
         Ok(())
@@ -146,31 +146,30 @@ impl SampledPasses {
             executor.push(block.sample, &sample)?;
             let rows_to_sum = self.settings.rows_to_sum(block.rows, self.options, frame);
             executor.push(block.sum, &SumParams { first_entry: block.first_entry, ..rows_to_sum })?;
-            executor.set_elements(block.sum, rows_to_sum.count)?;
         }
         Ok(())
     }
 }
 
 /// Adds the passes that find what shines now, and how it has changed; gives the buffer of the change.
-fn add_change(plan: &mut Plan, level: &SampledRows, seen: BufferId) -> Result<(BufferId, Vec<PassId>), ExecutorError> {
+fn add_change(
+    plan: &mut Plan,
+    level: &SampledRows,
+    exitance: Slice<Rgb>,
+) -> Result<(Slice<Rgb>, Vec<PassId>), ExecutorError> {
     let rows = level.rows.distribution();
     let options = level.settings.params(0, rows.options(), 0).options;
     let needs_change = has(options, CONTROL) || has(options, AUTO);
-    let change = if needs_change { plan.storage("change", rgb_bytes(rows.columns())) } else { seen };
-    let own = [
-        ("source", level.source),
-        ("albedo", level.albedo),
-        ("irradiance", level.reflected),
-        ("exitance", Range::from(seen)),
-        ("change", Range::from(change)),
-    ];
+    let SampledRows { source, albedo, reflected: irradiance, .. } = *level;
     let push = CountParams { count: rows.columns() as u32 };
+    let mut change = exitance;
     let mut passes = Vec::new();
     if needs_change {
-        passes.push(add_pass(plan, level.pass, &table::TEMPORAL_CHANGE, &own, &[], &push, push.count)?);
+        change = plan.array("change", rows.columns());
+        let bound = ChangePass { source, albedo, irradiance, exitance, change };
+        passes.push(plan.add(level.pass, &bound, &push)?);
     }
-    passes.push(add_pass(plan, level.pass, &table::FORMFACTOR_BOUNCE, &own, &[], &push, push.count)?);
+    passes.push(plan.add(level.pass, &BouncePass { source, albedo, irradiance, exitance }, &push)?);
     Ok((change, passes))
 }
 
@@ -178,96 +177,126 @@ fn add_change(plan: &mut Plan, level: &SampledRows, seen: BufferId) -> Result<(B
 fn add_block(
     plan: &mut Plan,
     level: &SampledRows,
-    entries: &EntryTables,
-    light: &[Named],
+    tables: &EntryTables,
+    [exitance, change]: [Slice<Rgb>; 2],
     own: ops::Range<usize>,
 ) -> Result<Block, ExecutorError> {
     let options = level.rows.distribution().options();
     let rows = own.len() as u32;
     let first_row = own.start as u32;
-    let (mut bound, first_entry) = entries.block(own.clone());
-    bound.push(("irradiance", level.irradiance.range(rgb_bytes(own.start), rgb_bytes(own.len()))));
+    let BlockTables { first_entry, row_start, row_sums, entries } = tables.block(own.clone());
+    let irradiance = level.irradiance.part(own.start, own.len());
     let sample = SampleParams { first_row, first_entry, ..level.settings.params(rows, options, 0) };
     let sum = SumParams { first_entry, ..level.settings.rows_to_sum(rows, options, 0) };
-    let [sample_kernel, sum_kernel] = entries.kernels;
-    let sample = add_pass(plan, level.pass, sample_kernel, &bound, light, &sample, rows)?;
-    let sum = add_pass(plan, level.pass, sum_kernel, &bound, light, &sum, sum.count)?;
+    let pass = level.pass;
+    let (sample, sum) = match entries {
+        Entries::Lists { columns } => {
+            let samples = SampleListsPass { row_start, columns, row_sums, exitance, change, irradiance };
+            let sums = SumListsPass { row_start, columns, row_sums, exitance, irradiance };
+            (plan.add(pass, &samples, &sample)?, plan.add(pass, &sums, &sum)?)
+        }
+        Entries::Tables { slots, columns, colors } => {
+            let samples =
+                SampleTablesPass { row_start, slots, columns, colors, row_sums, exitance, change, irradiance };
+            let sums = SumTablesPass { row_start, slots, columns, colors, row_sums, exitance, irradiance };
+            (plan.add(pass, &samples, &sample)?, plan.add(pass, &sums, &sum)?)
+        }
+    };
     Ok(Block { sample, sum, rows, first_row, first_entry })
 }
 
-/// A table of the entries of rows.
-struct Entries {
-    name: &'static str,
-    buffer: BufferId,
-    /// Bytes of an entry; 0 for a table that all rows share.
-    bytes: u64,
+/// Tables of the entries of rows.
+#[derive(Clone, Copy)]
+enum Entries {
+    Lists {
+        /// Columns, in words of one or two.
+        columns: Slice<u32>,
+    },
+    Tables {
+        slots: Slice<u32>,
+        columns: Slice<u32>,
+        /// Colours, which all rows share.
+        colors: Slice<u32>,
+    },
 }
 
 /// Rows on the device.
 struct EntryTables<'a> {
-    row_start: &'a [u32],
-    starts: BufferId,
-    sums: BufferId,
-    entries: Vec<Entries>,
-    kernels: [&'static Kernel; 2],
+    first_entries: &'a [u32],
+    row_start: Slice<u32>,
+    row_sums: Slice<f32>,
+    entries: Entries,
+    /// Columns that a word holds.
+    word_columns: usize,
+}
+
+/// What the passes of some rows bind.
+struct BlockTables {
+    first_entry: u32,
+    row_start: Slice<u32>,
+    row_sums: Slice<f32>,
+    entries: Entries,
 }
 
 impl<'a> EntryTables<'a> {
     fn new(plan: &mut Plan, tables: &mut Tables, rows: &'a Rows) -> Self {
-        let column_bytes = if has(rows.distribution().options(), NARROW) { 2 } else { 4 };
+        let first_entries = rows.row_start();
+        let word_columns = if has(rows.distribution().options(), NARROW) { 2 } else { 1 };
         match rows {
             Rows::Lists(lists) => Self {
-                row_start: rows.row_start(),
-                starts: tables.part(plan, "row starts", lists, |l| l.row_start()).buffer,
-                sums: tables.part(plan, "row sums", lists, |l| l.sums()).buffer,
-                entries: vec![Entries {
-                    name: "columns",
-                    buffer: tables.part(plan, "list columns", lists, |l| l.words()).buffer,
-                    bytes: column_bytes,
-                }],
-                kernels: [&table::TEMPORAL_SAMPLE_LISTS, &table::TEMPORAL_SUM_LISTS],
+                first_entries,
+                row_start: tables.part(plan, "row starts", lists, |l| l.row_start()),
+                row_sums: tables.part(plan, "row sums", lists, |l| l.sums()),
+                entries: Entries::Lists { columns: tables.part(plan, "list columns", lists, |l| l.words()) },
+                word_columns,
             },
-            Rows::Tables(alias) => {
-                let slots = tables.part(plan, "slots", alias, |t| t.slots()).buffer;
-                let columns = tables.part(plan, "table columns", alias, |t| t.words()).buffer;
-                let colors = tables.part(plan, "table colors", alias, |t| t.colors()).buffer;
-                Self {
-                    row_start: rows.row_start(),
-                    starts: tables.part(plan, "row starts", alias, |t| t.row_start()).buffer,
-                    sums: tables.part(plan, "row sums", alias, |t| t.sums()).buffer,
-                    entries: vec![
-                        Entries { name: "slots", buffer: slots, bytes: 4 },
-                        Entries { name: "columns", buffer: columns, bytes: column_bytes },
-                        Entries { name: "colors", buffer: colors, bytes: 0 },
-                    ],
-                    kernels: [&table::TEMPORAL_SAMPLE_TABLES, &table::TEMPORAL_SUM_TABLES],
-                }
-            }
+            Rows::Tables(alias) => Self {
+                first_entries,
+                entries: Entries::Tables {
+                    slots: tables.part(plan, "slots", alias, |t| t.slots()),
+                    columns: tables.part(plan, "table columns", alias, |t| t.words()),
+                    colors: tables.part(plan, "table colors", alias, |t| t.colors()),
+                },
+                row_start: tables.part(plan, "row starts", alias, |t| t.row_start()),
+                row_sums: tables.part(plan, "row sums", alias, |t| t.sums()),
+                word_columns,
+            },
         }
     }
 
     /// First entry that a block binds, and the number of those that follow.
-    fn span(&self, first: usize, end: usize) -> (u64, u64) {
-        let from = self.row_start[first] as usize / STEP * STEP;
-        (from as u64, (self.row_start[end] as usize - from) as u64)
+    fn span(&self, first: usize, end: usize) -> (usize, usize) {
+        let from = self.first_entries[first] as usize / STEP * STEP;
+        (from, self.first_entries[end] as usize - from)
     }
 
     fn fits(&self, first: usize, end: usize, range: u64) -> bool {
         let entries = self.span(first, end).1;
-        self.entries.iter().all(|table| (entries * table.bytes).next_multiple_of(4) <= range)
+        let words = match self.entries {
+            Entries::Lists { .. } => entries.div_ceil(self.word_columns),
+            Entries::Tables { .. } => entries,
+        };
+        (words * size_of::<u32>()) as u64 <= range
     }
 
     /// Bindings of a block of rows, and its first entry.
-    fn block(&self, rows: ops::Range<usize>) -> (Vec<Named>, u32) {
+    fn block(&self, rows: ops::Range<usize>) -> BlockTables {
         let (from, count) = self.span(rows.start, rows.end);
-        let part = |table: &Entries| match (table.bytes, count) {
+        let part = |table: Slice<u32>, word_entries: usize| match count {
             // Something is bound even where nothing is read.
-            (0, _) | (_, 0) => Range::from(table.buffer),
-            (bytes, _) => table.buffer.range(from * bytes, (count * bytes).next_multiple_of(4)),
+            0 => table,
+            _ => table.part(from / word_entries, count.div_ceil(word_entries)),
         };
-        let mut bound: Vec<Named> = self.entries.iter().map(|table| (table.name, part(table))).collect();
-        bound.push(("row_start", self.starts.range(4 * rows.start as u64, 4 * (rows.len() + 1) as u64)));
-        bound.push(("row_sums", self.sums.range(4 * rows.start as u64, 4 * rows.len() as u64)));
-        (bound, from as u32)
+        BlockTables {
+            first_entry: from as u32,
+            row_start: self.row_start.part(rows.start, rows.len() + 1),
+            row_sums: self.row_sums.part(rows.start, rows.len()),
+            entries: match self.entries {
+                Entries::Lists { columns } => Entries::Lists { columns: part(columns, self.word_columns) },
+                Entries::Tables { slots, columns, colors } => {
+                    Entries::Tables { slots: part(slots, 1), columns: part(columns, self.word_columns), colors }
+                }
+            },
+        }
     }
 }

@@ -1,8 +1,11 @@
 //! Commands as they are recorded: barriers, copies, fills, dispatches, timestamps.
 
-use ash::vk;
+use std::ffi::CString;
+
+use ash::{ext, vk};
 
 use super::buffer::{Buffer, Image, WHOLE_IMAGE};
+use super::device::Device;
 use super::pipeline::Pipeline;
 use crate::plan::Pass;
 
@@ -45,6 +48,7 @@ impl Scope {
 #[derive(Clone, Copy)]
 pub(super) struct Commands<'a> {
     raw: &'a ash::Device,
+    labels: Option<&'a ext::debug_utils::Device>,
     buffer: vk::CommandBuffer,
 }
 
@@ -55,8 +59,24 @@ impl<'a> Commands<'a> {
     /// As long as this value lives, the command buffer is being recorded, outside of a render pass. It is of the device
     /// and of a queue family with `VK_QUEUE_COMPUTE_BIT`. Whatever is recorded through this value outlives the
     /// execution of the command buffer.
-    pub unsafe fn new(raw: &'a ash::Device, buffer: vk::CommandBuffer) -> Self {
-        Self { raw, buffer }
+    pub unsafe fn new(device: &'a Device, buffer: vk::CommandBuffer) -> Self {
+        Self { raw: &device.raw, labels: device.labels.as_ref(), buffer }
+    }
+
+    /// Begins the label of a pass, its name and its kernel's, for debuggers that show them.
+    pub fn begin_label(&self, pass: &Pass) {
+        let Some(labels) = self.labels else { return };
+        let name = CString::new(format!("{} ({})", pass.name, pass.kernel.name)).unwrap_or_default();
+        let label = vk::DebugUtilsLabelEXT::default().label_name(&name);
+        // SAFETY: the command buffer is being recorded; the label and its name live until the call returns.
+        unsafe { labels.cmd_begin_debug_utils_label(self.buffer, &label) };
+    }
+
+    /// Ends the label that was begun last.
+    pub fn end_label(&self) {
+        let Some(labels) = self.labels else { return };
+        // SAFETY: the command buffer is being recorded and has a label that was begun.
+        unsafe { labels.cmd_end_debug_utils_label(self.buffer) };
     }
 
     /// Barrier: work in `from` happens before, and is visible to, work in `to`.
@@ -130,11 +150,11 @@ impl<'a> Commands<'a> {
 
     /// Dispatches a pass with its push constants as they are now.
     pub fn dispatch(&self, pass: &Pass, pipeline: &Pipeline, set: vk::DescriptorSet) {
-        if pass.elements == 0 {
+        if pass.invocations == 0 {
             return;
         }
         let compute = vk::PipelineBindPoint::COMPUTE;
-        let [x, y, z] = pass.kernel.groups(pass.elements);
+        let [x, y, z] = pass.kernel.groups(pass.invocations);
         // SAFETY: the command buffer is being recorded; pipeline, set and what the set points to outlive its execution;
         // groups and push constants were checked against device and kernel when they were set.
         unsafe {

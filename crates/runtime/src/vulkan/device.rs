@@ -11,7 +11,7 @@ use gpu_allocator::vulkan::{Allocator, AllocatorCreateDesc};
 
 use super::error::Error;
 use super::features::{API_VERSION, COMPUTE_QUEUE, EnabledFeatures, enable_features};
-use super::messages::{Messages, Messenger, VALIDATION_LAYER, Validation, has_validation_layer};
+use super::messages::{Messages, Messenger, VALIDATION_LAYER, Validation, has_debug_utils, has_validation_layer};
 use crate::executor::{DeviceChoice, DeviceInfo, DeviceKind};
 
 /// An instance of ours, or a caller's.
@@ -24,6 +24,8 @@ pub(super) struct Instance {
 
 struct OwnInstance {
     messenger: Option<Messenger>,
+    /// True if passes can be labelled.
+    has_labels: bool,
     // Last: the library is unloaded after everything that points into it.
     entry: ash::Entry,
 }
@@ -38,7 +40,8 @@ impl Instance {
             return Err(Error::NoValidationLayer);
         }
         let layer_names: &[*const c_char] = if watched { &[VALIDATION_LAYER.as_ptr()] } else { &[] };
-        let extension_names: &[*const c_char] = if watched { &[ext::debug_utils::NAME.as_ptr()] } else { &[] };
+        let has_labels = watched || has_debug_utils(&entry)?;
+        let extension_names: &[*const c_char] = if has_labels { &[ext::debug_utils::NAME.as_ptr()] } else { &[] };
         let application = vk::ApplicationInfo::default().application_name(c"patchlight").api_version(API_VERSION);
         let create = vk::InstanceCreateInfo::default()
             .application_info(&application)
@@ -52,7 +55,8 @@ impl Instance {
             result => Error::Call { call: "vkCreateInstance", result },
         })?;
         let messages = Messages::default();
-        let mut instance = Self { raw, own: Some(OwnInstance { messenger: None, entry }), messages: messages.clone() };
+        let mut instance =
+            Self { raw, own: Some(OwnInstance { messenger: None, has_labels, entry }), messages: messages.clone() };
         if let Some(own) = instance.own.as_mut().filter(|_| watched) {
             // SAFETY: the instance is alive, has the extension, and ends after the messenger, in `drop`.
             own.messenger = Some(unsafe { Messenger::new(&own.entry, &instance.raw, messages) }?);
@@ -63,6 +67,10 @@ impl Instance {
     /// A caller's instance, whose messages go to the caller's own messenger.
     pub fn borrow(raw: ash::Instance) -> Self {
         Self { raw, own: None, messages: Messages::default() }
+    }
+
+    fn has_labels(&self) -> bool {
+        self.own.as_ref().is_some_and(|own| own.has_labels)
     }
 
     fn has_validation(&self) -> bool {
@@ -288,6 +296,8 @@ pub(super) fn choose(mut candidates: Vec<Candidate>, choice: &DeviceChoice) -> R
 /// A logical device with its one queue and its memory; ours, or a caller's.
 pub(super) struct Device {
     pub raw: ash::Device,
+    /// Labels of passes, for debuggers.
+    pub labels: Option<ext::debug_utils::Device>,
     /// True if the caller made the device and ends it.
     is_borrowed: bool,
     pub queue: vk::Queue,
@@ -366,8 +376,10 @@ impl Device {
         allocator: Allocator,
         is_borrowed: bool,
     ) -> Self {
+        let labels = instance.has_labels().then(|| ext::debug_utils::Device::new(&instance.raw, &raw));
         Self {
             raw,
+            labels,
             is_borrowed,
             queue,
             family: candidate.family,

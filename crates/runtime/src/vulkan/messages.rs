@@ -57,6 +57,14 @@ pub fn has_validation_layer(entry: &ash::Entry) -> Result<bool, Error> {
     Ok(layers.iter().any(|layer| layer.layer_name_as_c_str() == Ok(VALIDATION_LAYER)))
 }
 
+/// Returns true if an instance can have debug messages and labels.
+pub fn has_debug_utils(entry: &ash::Entry) -> Result<bool, Error> {
+    // SAFETY: no layer is named; the function may be called before any instance exists.
+    let extensions = unsafe { entry.enumerate_instance_extension_properties(None) }
+        .map_err(Error::call("vkEnumerateInstanceExtensionProperties"))?;
+    Ok(extensions.iter().any(|extension| extension.extension_name_as_c_str() == Ok(ext::debug_utils::NAME)))
+}
+
 /// Collects what the layer says of an instance, until it is dropped.
 pub struct Messenger {
     debug: ext::debug_utils::Instance,

@@ -42,7 +42,7 @@ struct Submission {
     queries: vk::QueryPool,
     query_capacity: u32,
     /// Names of the passes between the timestamps; empty without timestamps.
-    names: Vec<String>,
+    times: Vec<PassTime>,
 }
 
 /// A submission that may be waited for; valid until the next one is made.
@@ -103,7 +103,7 @@ impl Queue {
             staging: Staging::new(&self.device),
             queries: vk::QueryPool::null(),
             query_capacity: 0,
-            names: Vec::new(),
+            times: Vec::new(),
         };
         let allocate = vk::CommandBufferAllocateInfo::default()
             .command_pool(self.pool)
@@ -144,28 +144,29 @@ impl Queue {
     }
 
     /// Records what `record` records and submits it. Everything that earlier submissions wrote is visible to it.
-    /// `names` are those of the passes that are timed: `record` then writes one timestamp more than there are names.
+    /// `times` are those of the passes that are timed, without their milliseconds: `record` then writes one timestamp more
+    /// than there are passes.
     ///
     /// # Safety
     /// What `record` records outlives its execution, which [`Queue::finish`] waits for.
     pub unsafe fn submit(
         &mut self,
-        names: Vec<String>,
+        times: Vec<PassTime>,
         record: impl FnOnce(&Commands<'_>, &mut Staging, vk::QueryPool),
     ) -> Result<Ticket, Error> {
         self.staging()?;
         let raw = &self.device.raw;
         let index = self.next;
         let submission = &mut self.ring[index];
-        if !names.is_empty() {
-            submission.reserve_queries(raw, names.len() as u32 + 1)?;
+        if !times.is_empty() {
+            submission.reserve_queries(raw, times.len() as u32 + 1)?;
         }
         let begin = vk::CommandBufferBeginInfo::default().flags(vk::CommandBufferUsageFlags::ONE_TIME_SUBMIT);
         // SAFETY: the command buffer is not in use, see `staging`. Its pool allows the implicit reset.
         unsafe { raw.begin_command_buffer(submission.commands, &begin) }
             .map_err(Error::call("vkBeginCommandBuffer"))?;
         // SAFETY: recording has begun, with the device's own compute family; the rest is the caller's promise.
-        let commands = unsafe { Commands::new(raw, submission.commands) };
+        let commands = unsafe { Commands::new(&self.device, submission.commands) };
         commands.barrier(Scope::ALL, Scope::ALL);
         record(&commands, &mut submission.staging, submission.queries);
         let buffers = [submission.commands];
@@ -185,7 +186,7 @@ impl Queue {
         self.submitted += 1;
         submission.is_in_flight = true;
         submission.number = self.submitted;
-        submission.names = names;
+        submission.times = times;
         self.next = (index + 1) % self.ring.len();
         Ok(Ticket(index))
     }
@@ -264,13 +265,13 @@ impl Queue {
     fn finish_one(&mut self, index: usize) -> Result<Vec<PassTime>, Error> {
         self.wait_for_fence(index)?;
         let submission = &mut self.ring[index];
-        let names = std::mem::take(&mut submission.names);
-        if names.is_empty() {
-            return Ok(Vec::new());
+        let mut times = std::mem::take(&mut submission.times);
+        if times.is_empty() {
+            return Ok(times);
         }
-        let milliseconds = submission.intervals(&self.device, names.len() + 1)?;
-        let times = names.into_iter().zip(milliseconds);
-        Ok(times.map(|(name, milliseconds)| PassTime { name, milliseconds }).collect())
+        let intervals = submission.intervals(&self.device, times.len() + 1)?;
+        times.iter_mut().zip(intervals).for_each(|(time, interval)| time.milliseconds = interval);
+        Ok(times)
     }
 
     /// Waits for a submission if it is in flight and makes its place free.
@@ -283,7 +284,7 @@ impl Queue {
         // SAFETY: the fence was given to a submission.
         let waited = unsafe { raw.wait_for_fences(&[submission.fence], true, u64::MAX) };
         if waited.is_err() {
-            submission.names.clear();
+            submission.times.clear();
             settle(raw, submission.fence);
         }
         submission.is_in_flight = false;

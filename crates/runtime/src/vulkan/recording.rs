@@ -87,7 +87,7 @@ impl Vulkan {
         }
         self.recordings.staging[frame].reset();
         // SAFETY: as the caller promises.
-        unsafe { Commands::new(&self.device.raw, commands) }.barrier(Scope::ALL, Scope::ALL);
+        unsafe { Commands::new(&self.device, commands) }.barrier(Scope::ALL, Scope::ALL);
         self.recordings.current = Some(Current { commands, frame });
         Ok(())
     }
@@ -111,7 +111,7 @@ impl Vulkan {
         let work = Work { graph: &self.graph, sets: self.sets.as_ref(), resources: &self.resources, passes };
         // SAFETY: `begin_recording`'s caller promises that the command buffer is being recorded until `end_recording`,
         // and that it is finished before plan and executor, which own everything that is recorded, go.
-        let commands = unsafe { Commands::new(&self.device.raw, current.commands) };
+        let commands = unsafe { Commands::new(&self.device, current.commands) };
         work.record(&commands, &mut self.recordings.staging[current.frame], None);
         commands.barrier(Scope::ALL, Scope::ALL);
         true

@@ -33,7 +33,10 @@ impl Work<'_> {
                 commands.barrier(Scope::SHADER_WRITES, Scope::SHADER);
             }
             let (set, pipeline) = sets.of_pass(id.0);
-            commands.dispatch(&self.graph.plan().passes()[id.0], pipeline, set);
+            let pass = &self.graph.plan().passes()[id.0];
+            commands.begin_label(pass);
+            commands.dispatch(pass, pipeline, set);
+            commands.end_label();
             if let Some(pool) = queries {
                 commands.timestamp(pool, k as u32 + 1);
             }

@@ -11,8 +11,8 @@ use super::lighting::Lighting;
 use super::pyramid::Pyramid;
 use super::scene::{Scene, SceneParts};
 use crate::error::Error;
+use crate::gpu::*;
 use crate::kernel::shade::decode_srgb;
-use crate::types::*;
 use crate::units::{Flux, Intensity, Radiance};
 
 /// Most that a surface may reflect of a channel: with more, light in a closed room hardly ends.

@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 
-use crate::Triangle;
+use crate::gpu::Triangle;
 use crate::sampling::uniform_triangle;
 
 /// Corners of a triangle cut by six planes at most: each plane adds one.

@@ -7,8 +7,8 @@ use num_traits::Float as _;
 
 use crate::double::sin_cos;
 use crate::error::Error;
+use crate::gpu::{LIGHT_LUMINAIRE, Light};
 use crate::kernel::light::DISTRIBUTION_HEADER;
-use crate::types::{LIGHT_LUMINAIRE, Light};
 
 /// Most steps of γ in a table: a quarter of a degree each over the whole sphere.
 const MAX_STEPS: usize = 720;

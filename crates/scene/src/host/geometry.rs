@@ -13,9 +13,9 @@ use super::scene::SceneParts;
 use super::wide::WideBvh;
 use crate::Visibility;
 use crate::error::Error;
+use crate::gpu::*;
 use crate::kernel::GeometryTables;
 use crate::kernel::bvh::{FAR, Hierarchy, STACK_SIZE, host_occluder};
-use crate::types::*;
 
 /// Triangles with their hierarchy, materials and textures: what never changes, shared by all
 /// that use it.

@@ -6,10 +6,10 @@ use alloc::vec::Vec;
 use glam::{Mat3, Vec3};
 
 use super::lighting::mean_radiance;
+use crate::gpu::{Emitter, EmitterGroup};
 use crate::kernel::GeometryTables;
 use crate::kernel::large::MAX_EXACT_EMITTERS;
 use crate::math::luminance;
-use crate::types::{Emitter, EmitterGroup};
 
 /// Most groups.
 pub const MAX_EMITTER_GROUPS: usize = 64;

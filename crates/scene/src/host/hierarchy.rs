@@ -6,9 +6,9 @@ mod split;
 #[cfg(feature = "std")]
 use alloc::vec::Vec;
 
-use crate::types::BvhNode;
+use crate::gpu::BvhNode;
 #[cfg(feature = "std")]
-use crate::types::Triangle;
+use crate::gpu::Triangle;
 
 #[cfg(not(feature = "std"))]
 pub(super) use split::build;
@@ -101,10 +101,10 @@ mod tests {
     use glam::Vec3;
 
     use super::{depth, split};
+    use crate::gpu::{Material, Triangle, TriangleUv};
     use crate::host::geometry::Geometry;
     use crate::kernel::bvh::{FAR, STACK_SIZE};
     use crate::sampling::{hash3, unit};
-    use crate::types::{Material, Triangle, TriangleUv};
     use crate::{Hit, NONE, SceneParts};
 
     /// Triangles anywhere in a cube of 1 m, each with its number in `source`.
@@ -117,7 +117,7 @@ mod tests {
         (0..count).map(of).collect()
     }
 
-    fn geometry(triangles: &[Triangle], order: &[u32], nodes: Vec<crate::BvhNode>) -> Geometry {
+    fn geometry(triangles: &[Triangle], order: &[u32], nodes: Vec<crate::gpu::BvhNode>) -> Geometry {
         let triangles: Vec<Triangle> = order.iter().map(|&k| triangles[k as usize]).collect();
         let uvs = alloc::vec![TriangleUv::default(); triangles.len()];
         let materials = alloc::vec![Material::default()];

@@ -8,10 +8,10 @@ use glam::{Vec3, Vec4};
 use super::distribution::{check_lights, check_table};
 use super::geometry::Geometry;
 use crate::error::Error;
+use crate::gpu::{Emitter, Light, Material, NONE, Sky};
 use crate::kernel::GeometryTables;
 use crate::math::luminance;
 use crate::sampling::uniform_triangle;
-use crate::types::{Emitter, Light, Material, NONE, Sky};
 
 /// The light sources, which may change in every frame.
 #[derive(Clone, Debug, Default, PartialEq)]

@@ -7,7 +7,7 @@ use glam::Vec4;
 #[cfg(not(feature = "std"))]
 use num_traits::Float as _;
 
-use crate::types::Texture;
+use crate::gpu::Texture;
 
 /// The levels of a picture under way.
 pub struct Pyramid {

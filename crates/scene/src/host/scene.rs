@@ -14,13 +14,13 @@ use super::hierarchy::is_sound;
 use super::lighting::{Lighting, check_sky_map, find_emitters, set_emission};
 use crate::Visibility;
 use crate::error::{Error, ReflectanceFault};
+use crate::gpu::*;
 use crate::kernel::GeometryTables;
 use crate::kernel::light::{Lights, direct_irradiance};
 use crate::kernel::medium::{Absorbing, transmittance};
 use crate::kernel::texture::texel;
 use crate::kernel::walk::Lamps;
 use crate::parallel::*;
-use crate::types::*;
 
 /// Parts of a scene: the input of [`Scene::new`].
 #[derive(Clone, Debug, Default)]

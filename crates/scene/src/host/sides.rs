@@ -94,8 +94,8 @@ pub fn is_open(scene: &Scene, point: &SurfacePoint, walks: u32, seed: u32) -> bo
     walk::is_open(&scene.host_tables(), &scene.lamps(), &scene.walk_params(walks, 0), *point, seed)
 }
 
-/// Result of [`walk::part_taken`] for a place: whether it sees geometry, and whether light comes to it by so many
+/// Result of [`walk::reachability`] for a place: whether it sees geometry, and whether light comes to it by so many
 /// walks.
-pub fn part_taken(scene: &Scene, point: &SurfacePoint, walks: u32, seed: u32) -> u32 {
-    walk::part_taken(&scene.host_tables(), &scene.lamps(), &scene.walk_params(walks, seed), *point)
+pub fn reachability(scene: &Scene, point: &SurfacePoint, walks: u32, seed: u32) -> u32 {
+    walk::reachability(&scene.host_tables(), &scene.lamps(), &scene.walk_params(walks, seed), *point)
 }

@@ -61,8 +61,8 @@ mod tests {
     use alloc::vec;
 
     use super::*;
+    use crate::gpu::Sky;
     use crate::sampling::{cosine_hemisphere, hash};
-    use crate::types::Sky;
 
     #[test]
     fn directions_lie_in_their_bins() {

@@ -10,7 +10,7 @@ use super::geometry::Geometry;
 use super::hierarchy;
 use super::scene::{SceneParts, check};
 use crate::error::Error;
-use crate::types::*;
+use crate::gpu::*;
 
 /// Most texels of a row or a column of a picture, and levels of its pyramid.
 const MAX_TEXELS: u32 = 1 << 15;

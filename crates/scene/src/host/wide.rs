@@ -6,8 +6,8 @@ use alloc::vec::Vec;
 use arrayvec::ArrayVec;
 use glam::{Vec3, Vec4};
 
+use crate::gpu::{BvhNode, Hit, NONE, Triangle};
 use crate::kernel::bvh::{is_well_inside, safe_inverse};
-use crate::types::{BvhNode, Hit, NONE, Triangle};
 
 /// Children of a node.
 const WIDTH: usize = 8;

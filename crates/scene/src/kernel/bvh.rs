@@ -4,7 +4,7 @@
 use glam::{Vec2, Vec3};
 
 use super::texture;
-use crate::types::{BvhNode, Hit, Material, NONE, Texture, Triangle, TriangleUv};
+use crate::gpu::{BvhNode, Hit, Material, NONE, Texture, Triangle, TriangleUv};
 
 /// Levels of the hierarchy that fit on the traversal stack; the host refuses deeper ones.
 pub const STACK_SIZE: usize = 64;

@@ -3,8 +3,8 @@
 use glam::Vec3;
 
 use super::bvh::{FAR, GeometryTables, closest_hit};
+use crate::gpu::{Camera, Hit, NONE, SurfacePoint};
 use crate::sampling::{hash3, radical_inverse, unit};
-use crate::types::{Camera, Hit, NONE, SurfacePoint};
 
 /// Direction (not unit) through a picture position, (0, 0) the upper left corner, in pixels.
 #[inline]

@@ -8,13 +8,13 @@ use glam::{Vec3, Vec4};
 
 use super::bvh::{FAR, GeometryTables};
 use super::camera::primary_direction;
-use super::light::{Lights, meet_rect, pick_emitter, sky_irradiance, unoccluded};
+use super::light::{Lights, coupling, meet_rect, pick_emitter, sky_irradiance, unoccluded};
 use super::medium::{Medium, Share as _};
-use crate::math::{abs, atan2, clamp, luminance};
-use crate::sampling::{hash3, sobol2_fast, uniform_triangle, unit};
-use crate::types::{
+use crate::gpu::{
     DirectParams, Emitter, EmitterGroup, Hit, LIGHT_RECT, LargeParams, Light, NONE, ShareParams, SurfacePoint,
 };
+use crate::math::{abs, atan2, clamp, luminance};
+use crate::sampling::{hash3, sobol2_fast, uniform_triangle, unit};
 
 /// Edge of the squares of pixels whose shadow rays together are one pattern.
 pub const TILE: u32 = 4;
@@ -125,15 +125,6 @@ pub fn polygon_irradiance(
 #[inline]
 pub fn rect_irradiance(light: &Light, origin: Vec3, normal: Vec3) -> Vec3 {
     light.color * polygon_irradiance(false, light.position, light.edge_a, light.edge_b, origin, normal)
-}
-
-/// Geometric part of light from a small area: cosθ cosθ'/r², 0 behind either.
-#[inline]
-fn coupling(to: Vec3, normal: Vec3, target_normal: Vec3) -> f32 {
-    let squared = to.length_squared();
-    let here = to.dot(normal);
-    let there = -to.dot(target_normal);
-    if here > 0.0 && there > 0.0 { here * there / (squared * squared) } else { 0.0 }
 }
 
 /// Light of a point of an emitter per area, W/m² over m², and the way to it from `origin`.

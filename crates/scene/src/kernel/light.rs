@@ -6,11 +6,11 @@ use glam::{Vec2, Vec3, Vec4};
 
 use super::bvh::{FAR, GeometryTables};
 use super::medium::{Air, Medium, Share as _};
+use crate::gpu::{
+    DirectParams, Emitter, LIGHT_DIRECTIONAL, LIGHT_LUMINAIRE, LIGHT_RECT, LIGHT_SPOT, Light, NONE, Sky, SurfacePoint,
+};
 use crate::math::{acos, atan2, clamp, floor, sqrt};
 use crate::sampling::{cosine_hemisphere, hammersley, hash3, uniform_triangle};
-use crate::types::{
-    DirectParams, Emitter, LIGHT_DIRECTIONAL, LIGHT_LUMINAIRE, LIGHT_RECT, LIGHT_SPOT, Light, Sky, SurfacePoint,
-};
 
 /// Words before the values of a distribution: its first γ in radians, its steps of γ per radian, its number of steps of
 /// γ, and its number of half-planes, 0 where it is the same in all.
@@ -130,7 +130,7 @@ pub fn pick_emitter(emitters: &[Emitter], count: u32, x: f32) -> u32 {
 /// Geometric part of light from a small area at `target` with unit normal `target_normal`: cosθ cosθ'/r², 0 behind
 /// either.
 #[inline]
-fn coupling(to: Vec3, normal: Vec3, target_normal: Vec3) -> f32 {
+pub(super) fn coupling(to: Vec3, normal: Vec3, target_normal: Vec3) -> f32 {
     let squared = to.length_squared();
     let here = to.dot(normal);
     let there = -to.dot(target_normal);
@@ -235,6 +235,33 @@ pub fn irradiance_share(
         return 0.0;
     }
     light_share(p, index, slot, light, distributions, (point.position + normal * p.ray_offset, normal), Air, occluded)
+}
+
+/// [`irradiance_share`], and what stopped the last ray that was stopped, 1 added, or 0; `occluder` is that of before:
+/// most rays meet it again while a light moves little. `find(origin, direction, t_max, last)` gives what stops a ray, or
+/// [`NONE`].
+#[allow(clippy::too_many_arguments)]
+#[inline]
+pub fn share_and_occluder(
+    p: &DirectParams,
+    index: u32,
+    slot: u32,
+    light: &Light,
+    distributions: &[f32],
+    point: SurfacePoint,
+    occluder: u32,
+    mut find: impl FnMut(Vec3, Vec3, f32, u32) -> u32,
+) -> (f32, u32) {
+    let mut last = occluder.wrapping_sub(1);
+    let stopped = |origin: Vec3, direction: Vec3, t_max: f32| {
+        let found = find(origin, direction, t_max, last);
+        if found != NONE {
+            last = found;
+        }
+        found != NONE
+    };
+    let share = irradiance_share(p, index, slot, light, distributions, point, stopped);
+    (share, last.wrapping_add(1))
 }
 
 /// H_d of point `k`, W/m²: the light of emitters and sky there, and of each light its colour times the point's share of

@@ -7,8 +7,8 @@ use glam::{Vec3, Vec4};
 use super::bvh::{FAR, GeometryTables};
 use super::camera::primary_direction;
 use super::light::{Lights, meet_rect, sky_radiance};
+use crate::gpu::{Camera, Hit, NONE};
 use crate::math::{clamp, pow};
-use crate::types::{Camera, Hit, NONE};
 
 /// Radiance to the eye, W/m²/sr: `L = L_e + ρ/π (H_d + H)`; the sky, or a rectangle light in front of the surface,
 /// shows its own radiance. `albedo` is that of the surface.

@@ -10,9 +10,9 @@ use super::camera::primary_direction;
 use super::light::{Lights, meet_rect, sky_radiance};
 use super::medium::transmittance;
 use super::shade::pixel_albedo;
+use crate::gpu::{Camera, Hit, NONE, SpecularChain};
 use crate::math::{abs, luminance, sqrt};
 use crate::sampling::{hash3, owen_scramble, unit};
-use crate::types::{Camera, Hit, NONE, SpecularChain};
 
 /// Surfaces that a ray of a pixel meets at most; what lies beyond is dark.
 const MAX_SURFACES: u32 = 32;

@@ -2,8 +2,8 @@
 
 use glam::{Vec2, Vec4};
 
+use crate::gpu::Texture;
 use crate::math::floor;
-use crate::types::Texture;
 
 /// A texel: linear r, g, b and a in [0, 1]. `index` counts texels.
 #[inline]

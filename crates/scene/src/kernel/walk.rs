@@ -5,8 +5,8 @@ use glam::Vec3;
 use super::bvh::{FAR, GeometryTables, any_hit, closest_hit};
 use super::light::pick_emitter;
 use super::specular::specular_parts;
+use crate::gpu::{Emitter, Hit, LIGHT_DIRECTIONAL, LIGHT_RECT, Light, NONE, SurfacePoint, WalkParams};
 use crate::sampling::{cosine_hemisphere, hammersley, hash3, uniform_triangle, unit};
-use crate::types::{Emitter, Hit, LIGHT_DIRECTIONAL, LIGHT_RECT, Light, NONE, SurfacePoint, WalkParams};
 
 /// The place sees no geometry.
 pub const APART: u32 = 0;
@@ -43,7 +43,7 @@ pub struct Lamps<'a> {
 /// the sky is lit without a walk. `patch` numbers the place for its random numbers. Where the weight is below 0 walks
 /// alone decide between [`DARK`] and [`LIT`], and `patch` is their seed: [`is_open`].
 #[inline]
-pub fn part_taken(g: &GeometryTables, lamps: &Lamps, p: &WalkParams, point: SurfacePoint) -> u32 {
+pub fn reachability(g: &GeometryTables, lamps: &Lamps, p: &WalkParams, point: SurfacePoint) -> u32 {
     let seed = p.seed ^ RAYS_SALT;
     let shift = (hash3(point.patch, 0, seed), hash3(point.patch, 1, seed));
     let origin = point.position + point.normal * p.ray_offset;

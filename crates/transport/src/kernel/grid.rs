@@ -2,7 +2,8 @@
 //! rows of equal v. A position is (u, v), the shares of the triangle's two edges.
 
 use glam::{UVec3, Vec2, Vec3, Vec4};
-use scene::{Hit, NONE, SurfacePoint, Triangle};
+use scene::gpu::Triangle;
+use scene::{Hit, NONE, SurfacePoint};
 
 use super::view::{pixel_vertices, vertices_at};
 use crate::types::{ReceiverCell, TriangleGrid};

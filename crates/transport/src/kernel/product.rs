@@ -43,9 +43,9 @@ pub fn gather_row_packed(i: u32, n: u32, packed: &[u32], exitance: &[Vec4], unpa
 }
 
 /// Rows that are gathered together, so that the exitance is loaded once for all of them.
-pub const ROWS_TOGETHER: u32 = 4;
+pub const ROWS_PER_BATCH: u32 = 4;
 
-/// Invocations that share the columns of [`ROWS_TOGETHER`] rows in the kernels for buffers.
+/// Invocations that share the columns of [`ROWS_PER_BATCH`] rows in the kernels for buffers.
 pub const LANES: u32 = 64;
 
 /// Row in its block that an invocation reads in place of row `i`: the last one where there is none.

@@ -6,7 +6,8 @@
 //! rows.
 
 use glam::{UVec3, Vec3};
-use scene::{Hit, NONE, SurfacePoint, Triangle};
+use scene::gpu::Triangle;
+use scene::{Hit, NONE, SurfacePoint};
 
 use super::grid::{interpolate, place_in_cell};
 use crate::types::{ReceiverCell, TriangleGrid};

@@ -9,7 +9,7 @@ use reference::metrics::{Faults, compare_pictures, indirect_scale, noise_picture
 use reference::{Judge, Picture, PictureErrors, PictureFile as _, scale_to_stops, stops_to_scale};
 use serde::Serialize;
 
-use super::{Machine, Setup, bake_settings, load};
+use super::setup::{Machine, Setup, bake_settings, load};
 use crate::args::{Bench, Common};
 use crate::error::Error;
 use crate::output;
@@ -221,10 +221,10 @@ impl Measuring<'_> {
             full,
             indirect,
             reference_noise: truth.noise(),
-            patches: bake.mesh.patches.len(),
-            receivers: bake.receivers.points.len(),
-            interpolation_points: bake.receivers.interpolation.points.len(),
-            energy: bake.energy,
+            patches: bake.mesh().patches.len(),
+            receivers: bake.receivers().points.len(),
+            interpolation_points: bake.receivers().interpolation.points.len(),
+            energy: bake.energy(),
             bake_s,
         };
         progress.note(&summary_line(&row));

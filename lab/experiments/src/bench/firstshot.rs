@@ -23,13 +23,14 @@ use obvhs::rt_triangle::RtTriangle;
 use patchlight::method::FirstShotSettings;
 use patchlight::method::firstshot::{Cubic, Sequences, StartLight, Subdivision, Texels};
 use rayon::prelude::*;
+use scene::gpu::{LIGHT_POINT, LIGHT_SPOT};
 use scene::kernel::bvh::FAR;
 use scene::math::{luminance, sin_cos_2pi};
 use scene::sampling::{hammersley, hash3};
-use scene::{LIGHT_POINT, LIGHT_SPOT, Light, Scene, Sky};
+use scene::{Light, Scene, Sky};
 use serde::Serialize;
 
-use super::{Machine, Setup};
+use super::setup::{Machine, Setup};
 use crate::args::{Bench, Common};
 use crate::error::Error;
 use crate::output;
@@ -416,10 +417,10 @@ impl Curve {
 }
 
 fn emission(scene: &Scene, way: Way) -> Result<Emission, Error> {
-    let go_on = |_, _| if is_cancelled() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) };
+    let ignore_progress = |_, _| if is_cancelled() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) };
     Ok(match way.first_shot {
         None => Emission::classical(scene)?,
-        Some(settings) => settings.emission(scene, &go_on)?,
+        Some(settings) => settings.emission(scene, &ignore_progress)?,
     })
 }
 

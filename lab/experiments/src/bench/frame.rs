@@ -11,7 +11,7 @@ use glam::Vec3;
 use scene::{Camera, Light};
 use serde::Serialize;
 
-use super::{Machine, Setup, bake_settings, load};
+use super::setup::{Machine, Setup, bake_settings, load};
 use crate::args::{Animate, Bench, CameraPath, Common};
 use crate::error::Error;
 use crate::output;
@@ -24,7 +24,9 @@ use patchlight::light::with_lights;
 use patchlight::low_level::operator::Codec;
 use patchlight::memory::peak_memory_bytes;
 use patchlight::method::{LocalSettings, TemporalSettings};
-use patchlight::{Bake, LightSettings, MethodSettings, PictureRenderer, PictureSettings, ReceiverUpdate};
+use patchlight::{
+    Bake, LightSettings, MethodSettings, PictureRenderer, PictureSettings, Point, PointKind, ReceiverUpdate, points,
+};
 
 /// Scenes, unless some are named.
 const SCENES: [&str; 1] = ["office"];
@@ -34,6 +36,8 @@ const COUNT: u32 = 10_000;
 const EPSILON: f64 = 0.01;
 /// The method with it.
 const TILES: &str = "tiles 1 %";
+/// Points along each edge of the grid whose cost is measured.
+const POINTS_AN_EDGE: usize = 10;
 /// Passes of a light update, in their order; "update" is the matrix round the camera.
 const PASSES: [&str; 7] = ["direct", "gather", "update", "method", "lookup", "mark", "view"];
 
@@ -91,6 +95,26 @@ struct Work {
     operations: u64,
 }
 
+/// Cost of points of one's own: a grid in the air.
+#[derive(Clone, Serialize)]
+struct PointCost {
+    scene: String,
+    patches: usize,
+    points: usize,
+    /// Rays of each point, traced once.
+    rays: u32,
+    trace_s: f64,
+    /// Median of their passes in a light update, and its part of a point.
+    update_ms: f64,
+    microseconds_a_point: f64,
+}
+
+/// A result as it comes.
+enum Measured {
+    Update(Row),
+    Points(PointCost),
+}
+
 #[derive(Serialize)]
 struct Results<'a> {
     name: &'static str,
@@ -101,12 +125,14 @@ struct Results<'a> {
     #[serde(skip_serializing_if = "Option::is_none")]
     peak_memory_bytes: Option<u64>,
     rows: &'a [Row],
+    points: &'a [PointCost],
 }
 
 pub fn run(common: &Common, args: &Bench) -> Result<(), Error> {
     let Setup { out, machine, scenes, counts } = Setup::new(common, args, "frame", &SCENES, &[COUNT])?;
     let mut rows: Vec<Row> = Vec::new();
-    let results = |rows: &[Row]| {
+    let mut points: Vec<PointCost> = Vec::new();
+    let results = |rows: &[Row], points: &[PointCost]| {
         output::json(&Results {
             name: "frame",
             machine: &machine,
@@ -115,14 +141,18 @@ pub fn run(common: &Common, args: &Bench) -> Result<(), Error> {
             frames: args.frames(),
             peak_memory_bytes: peak_memory_bytes(),
             rows,
+            points,
         })
     };
     let operations_g = floors::operations_g();
-    let mut keep = |row: Row| {
-        rows.push(row);
+    let mut keep = |measured: Measured| {
+        match measured {
+            Measured::Update(row) => rows.push(row),
+            Measured::Points(cost) => points.push(cost),
+        }
         // What is known is kept when the rest fails or is stopped.
-        output::write_text(&out.join("summary.json"), &results(&rows))?;
-        write_report(&machine, operations_g, &rows, &out)
+        output::write_text(&out.join("summary.json"), &results(&rows, &points))?;
+        write_report(&machine, operations_g, &rows, &points, &out)
     };
     for scene in scenes {
         let progress = Progress::new(common.quiet);
@@ -133,9 +163,9 @@ pub fn run(common: &Common, args: &Bench) -> Result<(), Error> {
         }
     }
     if common.json {
-        say!("{}", results(&rows));
+        say!("{}", results(&rows, &points));
     } else {
-        tables(&machine, operations_g, &rows).iter().for_each(|table| say!("{}", table.markdown()));
+        tables(&machine, operations_g, &rows, &points).iter().for_each(|table| say!("{}", table.markdown()));
         say!("{} shows the same", out.join("report.html").display());
     }
     Ok(())
@@ -149,7 +179,7 @@ struct Measuring<'a> {
 }
 
 impl Measuring<'_> {
-    fn measure(&self, count: usize, keep: &mut dyn FnMut(Row) -> Result<(), Error>) -> Result<(), Error> {
+    fn measure(&self, count: usize, keep: &mut dyn FnMut(Measured) -> Result<(), Error>) -> Result<(), Error> {
         let Self { common, args, loaded, progress } = *self;
         let settings = bake_settings(common, args, loaded, count);
         let bake = Arc::new(Bake::build(&loaded.scene, &settings, progress)?);
@@ -160,18 +190,57 @@ impl Measuring<'_> {
             _ => &[Event::Move, Event::Fly, Event::Rest, Event::Switch],
         };
         for &event in events {
-            keep(self.frames(&mut renderer, TILES, event, ReceiverUpdate::InView)?)?;
+            keep(Measured::Update(self.frames(&mut renderer, TILES, event, ReceiverUpdate::InView)?))?;
         }
         renderer.set_receivers(ReceiverUpdate::All)?;
-        keep(self.frames(&mut renderer, TILES, Event::Move, ReceiverUpdate::All)?)?;
+        keep(Measured::Update(self.frames(&mut renderer, TILES, Event::Move, ReceiverUpdate::All)?))?;
+        keep(Measured::Points(self.points(&mut renderer)?))?;
         renderer.set_receivers(ReceiverUpdate::InView)?;
         let temporal = MethodSettings::Temporal(TemporalSettings::default());
         let local = MethodSettings::Local(LocalSettings::default());
         for (name, method) in [("temporal", temporal), ("local", local), ("classic", MethodSettings::Classic)] {
             renderer.set_method(method, progress)?;
-            keep(self.frames(&mut renderer, name, Event::Move, ReceiverUpdate::InView)?)?;
+            keep(Measured::Update(self.frames(&mut renderer, name, Event::Move, ReceiverUpdate::InView)?))?;
         }
         Ok(())
+    }
+
+    /// Adds a grid of points in the box of the receivers, updates the light frame by frame, and removes them.
+    fn points(&self, renderer: &mut PictureRenderer) -> Result<PointCost, Error> {
+        let Self { args, loaded, progress, .. } = *self;
+        let light = renderer.light_mut();
+        let positions = || light.bake().receivers().points.iter().map(|point| point.position);
+        let low = positions().reduce(Vec3::min).unwrap_or(Vec3::ZERO);
+        let high = positions().reduce(Vec3::max).unwrap_or(Vec3::ONE);
+        let share = |k: usize| (k as f32 + 0.5) / POINTS_AN_EDGE as f32;
+        let count = POINTS_AN_EDGE.pow(3);
+        let at = |k: usize| {
+            let cell = [k % POINTS_AN_EDGE, k / POINTS_AN_EDGE % POINTS_AN_EDGE, k / POINTS_AN_EDGE.pow(2)];
+            Point { position: low + (high - low) * Vec3::from_array(cell.map(share)), normal: Vec3::Y }
+        };
+        let all: Vec<Point> = (0..count).map(at).collect();
+        let start = Instant::now();
+        let set = interruptible(|| light.add_points(&all, PointKind::Irradiance, progress))?;
+        let trace_s = start.elapsed().as_secs_f64();
+        let movement = Movement::new(loaded, (Animate::Sun, Some(CameraPath::Fly)), args.frames() + 1, progress);
+        let mut updates = Vec::new();
+        for number in 0..=args.frames() {
+            let (lights, camera) = self.shot(Event::Move, &movement, number);
+            let times = interruptible(|| renderer.advance(&with_lights(&loaded.scene, &lights), &camera))?;
+            updates.push(pass_ms(&times, points::PASS));
+        }
+        let light = renderer.light_mut();
+        light.remove_points(set)?;
+        let update_ms = PassTimes::of(&updates[1..]).map_or(0.0, |times| times.median_ms);
+        Ok(PointCost {
+            scene: loaded.name.clone(),
+            patches: light.bake().mesh().patches.len(),
+            points: count,
+            rays: light.settings().point_rays,
+            trace_s,
+            update_ms,
+            microseconds_a_point: 1e3 * update_ms / count as f64,
+        })
     }
 
     /// Tiles, what is in view.
@@ -268,9 +337,9 @@ impl Measuring<'_> {
             },
             triangles: loaded.scene.geometry.triangles.len(),
             lights,
-            patches: bake.mesh.patches.len(),
-            receivers: bake.receivers.points.len(),
-            interpolation_points: bake.receivers.interpolation.points.len(),
+            patches: bake.mesh().patches.len(),
+            receivers: bake.receivers().points.len(),
+            interpolation_points: bake.receivers().interpolation.points.len(),
             light_update: LightUpdate {
                 median_ms: times.median_ms,
                 max_ms: times.max_ms,
@@ -294,7 +363,7 @@ struct Named<'a> {
 }
 
 /// Times of whole light updates and of their passes, and what the updates would take if memory were all that counts.
-fn tables(machine: &Machine, operations_g: f64, rows: &[Row]) -> Vec<Table> {
+fn tables(machine: &Machine, operations_g: f64, rows: &[Row], points: &[PointCost]) -> Vec<Table> {
     let head = ["scene", "method", "what happens", "updated", "triangles", "patches", "lights", "median ms", "max ms"];
     let times = Table {
         caption: "Whole light updates, from \"a light has moved\" to irradiance at every visible point; passes, medians in ms. \
@@ -318,7 +387,30 @@ fn tables(machine: &Machine, operations_g: f64, rows: &[Row]) -> Vec<Table> {
             })
             .collect(),
     };
-    vec![times, floors::table(machine, operations_g, rows), memory_table(machine, rows)]
+    vec![times, point_table(points), floors::table(machine, operations_g, rows), memory_table(machine, rows)]
+}
+
+/// Cost of points of one's own.
+fn point_table(points: &[PointCost]) -> Table {
+    let head = ["scene", "patches", "points", "rays each", "traced once, s", "ms an update", "µs a point and update"];
+    Table {
+        caption: "Points of one's own, on a grid in the air: their passes in a light update, medians.".to_owned(),
+        head: head.map(str::to_owned).to_vec(),
+        rows: points
+            .iter()
+            .map(|cost| {
+                vec![
+                    cost.scene.clone(),
+                    cost.patches.to_string(),
+                    cost.points.to_string(),
+                    cost.rays.to_string(),
+                    format!("{:.2}", cost.trace_s),
+                    format!("{:.3}", cost.update_ms),
+                    format!("{:.3}", cost.microseconds_a_point),
+                ]
+            })
+            .collect(),
+    }
 }
 
 /// Memory of frames, and the time to read it once.
@@ -349,11 +441,16 @@ fn memory_table(machine: &Machine, rows: &[Row]) -> Table {
     }
 }
 
-fn write_report(machine: &Machine, operations_g: f64, rows: &[Row], out: &Path) -> Result<(), Error> {
+fn write_report(
+    machine: &Machine,
+    operations_g: f64,
+    rows: &[Row],
+    points: &[PointCost],
+    out: &Path,
+) -> Result<(), Error> {
     let section = Section {
         title: "Light updates".to_owned(),
-
-        tables: tables(machine, operations_g, rows),
+        tables: tables(machine, operations_g, rows, points),
         ..Section::default()
     };
     Ok(output::write_text(&out.join("report.html"), &page("Patchlight: light updates", &[], [&section]))?)

@@ -6,9 +6,9 @@ use reference::{Judge, Picture, PictureFile as _, scale_to_stops};
 use scene::math::luminance;
 use serde::{Deserialize, Serialize};
 
-use super::bake_settings;
 use super::contest::field::Field;
 use super::contest::{View, Who, pictures_at_rest, side_by_side};
+use super::setup::bake_settings;
 use super::study::{Measured, Place, SIDE_BY_SIDE, SceneRows, Study, file_name, over_scenes};
 use crate::error::Error;
 use crate::references::ReferenceStore;

@@ -3,8 +3,9 @@
 use std::f32::consts::PI;
 
 use glam::Vec3;
+use scene::gpu::LIGHT_DIRECTIONAL;
 use scene::math::sin_cos_2pi;
-use scene::{LIGHT_DIRECTIONAL, Light, Scene};
+use scene::{Light, Scene};
 
 use assets::import::{Animation, LoadedScene};
 

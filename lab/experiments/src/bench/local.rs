@@ -8,8 +8,8 @@ use reference::metrics::compare_pictures;
 use reference::{Picture, PictureErrors, stops_to_scale};
 use serde::Serialize;
 
+use super::setup::{Machine, SCENES, Setup, bake_settings, load};
 use super::truth::Truth;
-use super::{Machine, SCENES, Setup, bake_settings, load};
 use crate::args::{Bench, CameraPath, Common};
 use crate::error::Error;
 use crate::errors::picture_errors;
@@ -21,7 +21,7 @@ use crate::summary::PassTimes;
 use assets::import::LoadedScene;
 use patchlight::low_level::operator::Codec;
 use patchlight::method::LocalSettings;
-use patchlight::method::local::display_white;
+use patchlight::method::local::{Local, display_white};
 use patchlight::{Bake, LightSettings, MethodSettings, PictureRenderer, PictureSettings};
 use scene::Camera;
 
@@ -169,7 +169,7 @@ impl Measuring<'_> {
         if let Some(shown) = self.view("classic".into(), &mut full.classic)? {
             keep(None, Some(shown))?;
         }
-        let patches = bake.mesh.patches.len();
+        let patches = bake.mesh().patches.len();
         for slots in SLOTS.into_iter().filter(|slots| *slots < patches) {
             let display_white = display_white(loaded.exposure_stops);
             let method = MethodSettings::Local(LocalSettings { slots, display_white, ..LocalSettings::DEFAULT });
@@ -235,8 +235,8 @@ impl Measuring<'_> {
             }
             before = now;
             // The first frame makes all ready.
-            if let Some(local) = light.light_mut().counted_report()?.local.filter(|_| frame > 0) {
-                flown.add(&local, &times);
+            if let Some(local) = light.light_mut().counted_method::<Local>()?.filter(|_| frame > 0) {
+                flown.add(local.last_frame(), &times);
             }
         }
         Ok(flown)

@@ -3,12 +3,13 @@
 use glam::{Vec2, Vec3};
 use reference::metrics::compare_points;
 use reference::{PictureErrors, PointErrors};
-use scene::{Material, Scene, SceneParts, Texture, Triangle, TriangleUv};
+use scene::gpu::{Texture, Triangle, TriangleUv};
+use scene::{Material, Scene, SceneParts};
 use serde::{Deserialize, Serialize};
 
-use super::bake_settings;
 use super::contest::field::Field;
 use super::contest::{View, Who, errors, pictures_at_rest};
+use super::setup::bake_settings;
 use super::study::{Measured, Place, SceneRows, Study, over_scenes};
 use super::truth::Truth;
 use crate::error::Error;

@@ -23,8 +23,9 @@ use shell::device::open;
 use shell::operator_error::{exact_product, relative_error};
 use transport::{Dense, LinearOperator};
 
-use super::{Machine, SCENES, Setup, stream_gb_s};
+use super::setup::{Machine, SCENES, Setup};
 use crate::args::{Bench, Blocks, Common, Patches};
+use crate::bandwidth::stream_gb_s;
 use crate::error::Error;
 use crate::measure::{Settling, compact_lights, own_light};
 use crate::output;
@@ -524,7 +525,7 @@ impl<'a> Subject<'a> {
             own_light: errors[0],
             compact_lights: greatest(&errors[1..]),
             compress_s: Some(seconds),
-            ..self.row(operator, "tiles", tiles.bytes(), time)
+            ..self.row(operator, "low_rank", tiles.bytes(), time)
         };
         if let Some(device) = device {
             let stored = PatchOperator::LowRank(Arc::new(tiles));

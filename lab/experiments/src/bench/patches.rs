@@ -10,10 +10,10 @@ use reference::{Picture, PictureFile as _, scale_to_stops};
 use scene::Light;
 
 use super::lights::other_lights;
-use super::load;
-use super::rows::{Errors, Key, Part, Row, break_down_table, lights_table, patches_table};
+use super::rows::{Errors, Key, Row, break_down_table, lights_table, patches_table};
+use super::setup::load;
 use super::truth::Truth;
-use crate::args::{Bench, Common};
+use crate::args::{Bench, Common, Part};
 use crate::error::Error;
 use crate::output;
 use crate::progress::{Progress, interruptible, is_cancelled};
@@ -227,8 +227,8 @@ impl Experiment<'_> {
             receivers_at: Some(receivers_at.to_owned()),
             receiver_density: density,
             patch_count: settings.patch_count,
-            patches: bake.mesh.patches.len(),
-            receivers: (settings.receivers == ReceiverKind::Mesh).then(|| bake.receivers.points.len()),
+            patches: bake.mesh().patches.len(),
+            receivers: (settings.receivers == ReceiverKind::Mesh).then(|| bake.receivers().points.len()),
             bake_s: Some(bake_s),
             median_ms: shown.light_ms.filter(|_| is_timed),
             shade_ms: shown.shade_ms.filter(|_| is_timed),
@@ -470,8 +470,8 @@ impl Experiment<'_> {
             receivers_at: Some("mesh".to_owned()),
             receiver_density: Some(case.bake.receiver_density),
             patch_count: case.bake.patch_count,
-            patches: bake.mesh.patches.len(),
-            receivers: Some(bake.receivers.points.len()),
+            patches: bake.mesh().patches.len(),
+            receivers: Some(bake.receivers().points.len()),
             bake_s: None,
             median_ms: shown.light_ms,
             shade_ms: shown.shade_ms,

@@ -1,28 +1,16 @@
 //! Rows of an experiment, and the tables that they make.
 
-use clap::ValueEnum;
 use reference::metrics::compare_points;
 use reference::{PictureErrors, PointErrors};
 use serde::{Deserialize, Serialize};
 
 use super::truth::{Noise, Truth};
+use crate::args::Part;
 use crate::error::Error;
 use crate::errors::picture_errors;
 use crate::output;
 use crate::report::{Table, significant};
 use patchlight::Pictures;
-
-/// Which table a row belongs to.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ValueEnum)]
-#[serde(rename_all = "kebab-case")]
-pub enum Part {
-    /// Kinds, numbers of patches, receivers.
-    Patches,
-    /// Break-down of the error.
-    BreakDown,
-    /// Lights that the bake has not seen.
-    Lights,
-}
 
 /// One measurement. What was not measured is left out.
 #[derive(Clone, Debug, Serialize, Deserialize)]

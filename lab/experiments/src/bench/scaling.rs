@@ -2,14 +2,15 @@
 //! lights and pixels, one at a time.
 
 use glam::Vec3;
+use scene::gpu::LIGHT_POINT;
 use scene::math::sin_cos_2pi;
 use scene::sampling::{hash3, unit};
-use scene::{LIGHT_POINT, Light, Lighting};
+use scene::{Light, Lighting};
 use serde::{Deserialize, Serialize};
 
-use super::bake_settings;
 use super::contest::field::{Contenders, Field, PatchMethod};
 use super::contest::{UpdateTimes, View, Who, lightings_of, take_turns};
+use super::setup::bake_settings;
 use super::study::{Measured, Place, SceneRows, Study};
 use crate::args::Bench;
 use crate::error::Error;
@@ -191,7 +192,7 @@ fn over_patches(place: &Place, loaded: &LoadedScene, count: usize) -> Result<Vec
         let settings = (bake_settings(place.common, place.args, loaded, count)).with_receiver_density(receiver_density);
         let view = View::new(place.common, place.args, loaded);
         let field = Field::new(&view, &settings, place.progress)?;
-        value = field.bake().mesh.patches.len() as u64;
+        value = field.bake().mesh().patches.len() as u64;
         let lightings = view.moving(lightings_of(place.args.frames()));
         found = rows(place, &mut field.with_patches(&possible)?, (Axis::Patches, value), &lightings)?;
     }
@@ -204,7 +205,7 @@ fn over_patches(place: &Place, loaded: &LoadedScene, count: usize) -> Result<Vec
 fn over_receivers(place: &Place, loaded: &LoadedScene, settings: &BakeSettings) -> Result<Vec<Row>, Error> {
     let view = View::new(place.common, place.args, loaded);
     let field = Field::new(&view, settings, place.progress)?;
-    let value = field.bake().receivers.points.len() as u64;
+    let value = field.bake().receivers().points.len() as u64;
     let lightings = view.moving(lightings_of(place.args.frames()));
     rows(place, &mut field.patches()?, (Axis::Receivers, value), &lightings)
 }

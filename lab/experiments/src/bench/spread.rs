@@ -10,7 +10,7 @@ use serde::Serialize;
 use temporal::{AliasTables, Blend, Packing, RayLists, Settings, State};
 use transport::{Csr, LinearOperator as _};
 
-use super::{Machine, SCENES, Setup, bake_settings, load};
+use super::setup::{Machine, SCENES, Setup, bake_settings, load};
 use crate::args::{Bench, Common};
 use crate::error::Error;
 use crate::output;
@@ -121,8 +121,8 @@ fn measure(
     let settings = (bake_settings(common, args, loaded, count)).with_most_receivers(Some(1));
     let bake = Arc::new(Bake::build(&loaded.scene, &settings, progress)?);
     let sources = sources(common, loaded, &bake, progress)?;
-    let factors = &bake.form_factors.factors;
-    let albedo = &bake.mesh.albedo;
+    let factors = &bake.form_factors().factors;
+    let albedo = &bake.mesh().albedo;
     let exact = exact_light(factors, albedo, &sources)?;
     let scale = stops_to_scale(loaded.exposure_stops);
     let row = |way: &str, shown: &[Vec<Vec3>]| judge(&loaded.name, way, shown, &exact, scale);

@@ -4,10 +4,10 @@ use reference::metrics::noise_share;
 use reference::stops_to_scale;
 use serde::{Deserialize, Serialize};
 
-use super::bake_settings;
 use super::contest::contender::Contender;
 use super::contest::field::Field;
 use super::contest::{REST, View, Who, cancelled, followed_after, left_of_jump, rest_of};
+use super::setup::bake_settings;
 use super::study::{Measured, Place, SceneRows, Study};
 use crate::error::Error;
 use crate::report::{Plot, Section, Series, Table};

@@ -8,7 +8,7 @@ use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
 use super::all::smallest;
-use super::{Machine, Setup};
+use super::setup::{Machine, Setup};
 use crate::args::{Bench, Common};
 use crate::date::today;
 use crate::error::Error;

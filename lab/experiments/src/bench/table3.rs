@@ -5,9 +5,9 @@ use reference::metrics::{compare_points, indirect_scale};
 use reference::{Picture, PictureErrors, PictureFile as _, PointErrors, scale_to_stops};
 use serde::{Deserialize, Serialize};
 
-use super::bake_settings;
 use super::contest::field::Field;
 use super::contest::{UpdateTimes, View, Who, errors, lightings_of, pictures_at_rest, side_by_side, take_turns};
+use super::setup::bake_settings;
 use super::study::{Measured, Place, SIDE_BY_SIDE, SceneRows, Study, file_name};
 use super::truth::Truth;
 use crate::error::Error;

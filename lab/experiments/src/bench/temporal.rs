@@ -11,8 +11,8 @@ use reference::stops_to_scale;
 use serde::Serialize;
 use temporal::{Blend, Settings};
 
+use super::setup::{Machine, SCENES, Setup, bake_settings, load};
 use super::truth::Truth;
-use super::{Machine, SCENES, Setup, bake_settings, load};
 use crate::args::{Bench, Common};
 use crate::error::Error;
 use crate::output;
@@ -194,8 +194,8 @@ impl Measuring<'_> {
             scene: loaded.name.clone(),
             method: name.to_owned(),
             device: light.light_mut().executor_mut().device().name.clone(),
-            patches: bake.mesh.patches.len(),
-            receivers: bake.receivers.points.len(),
+            patches: bake.mesh().patches.len(),
+            receivers: bake.receivers().points.len(),
             median_ms: median(&frames.method_ms),
             lookup_ms: median(&frames.lookup_ms),
             bytes: bytes_of(&["operator", "tables", "form_factors"]),

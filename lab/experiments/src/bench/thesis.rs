@@ -12,7 +12,7 @@ use std::path::Path;
 
 use serde::Serialize;
 
-use super::Setup;
+use super::setup::Setup;
 use crate::args::{Bench, Common, Experiment};
 use crate::error::Error;
 use crate::output;

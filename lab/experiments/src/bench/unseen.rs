@@ -5,10 +5,10 @@ use reference::PictureErrors;
 use scene::Light;
 use serde::{Deserialize, Serialize};
 
-use super::bake_settings;
 use super::contest::field::Field;
 use super::contest::{View, Who, errors, pictures_at_rest};
 use super::lights::other_lights;
+use super::setup::bake_settings;
 use super::study::{Measured, Place, SceneRows, Study, over_scenes};
 use super::truth::Truth;
 use crate::error::Error;

@@ -350,7 +350,8 @@ fn surfaces(scene: &Scene, shape: &Shape, two_sided: bool) -> Vec<(Vec4, Vec4)> 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use scene::{Material, SceneParts, Triangle, TriangleUv};
+    use scene::gpu::{Triangle, TriangleUv};
+    use scene::{Material, SceneParts};
 
     /// A black floor of 8 × 8 m.
     fn floor() -> Scene {

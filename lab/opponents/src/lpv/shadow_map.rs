@@ -7,12 +7,13 @@ use std::f32::consts::{PI, TAU};
 
 use glam::Vec3;
 use rayon::prelude::*;
+use scene::gpu::{LIGHT_DIRECTIONAL, LIGHT_LUMINAIRE, LIGHT_RECT, LIGHT_SPOT};
 use scene::kernel::bvh::FAR;
 use scene::kernel::camera::surface_point;
 use scene::kernel::light::{luminaire_share, pick_emitter, sky_radiance, spot_falloff};
 use scene::math::sin_cos_2pi;
 use scene::sampling::{cosine_hemisphere, frame, hammersley, hash3, uniform_triangle, unit};
-use scene::{LIGHT_DIRECTIONAL, LIGHT_LUMINAIRE, LIGHT_RECT, LIGHT_SPOT, Light, Scene};
+use scene::{Light, Scene};
 
 /// A point that sends what it reflects of a light: flux Φ, as Φ/π · cosθ.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -123,7 +123,7 @@ impl<'a> Refinement<'a> {
                     self.nodes[node as usize].element.middle = light;
                     if self.is_cut(node, open) {
                         let places = Places::default();
-                        self.go_on(Cut { node: Some(node), known: [0.0; 3], count: 0, places });
+                        self.continue_with(Cut { node: Some(node), known: [0.0; 3], count: 0, places });
                     }
                 }
                 Pending::Cut(mut cut) => {
@@ -131,7 +131,7 @@ impl<'a> Refinement<'a> {
                         cut.known[cut.count] = light.next().map_or(0.0, |light| light.1);
                         cut.count += 1;
                     }
-                    self.go_on(cut);
+                    self.continue_with(cut);
                 }
             }
         }
@@ -152,7 +152,7 @@ impl<'a> Refinement<'a> {
     }
 
     /// Asks for what a cut still has to know, or makes it.
-    fn go_on(&mut self, cut: Cut) {
+    fn continue_with(&mut self, cut: Cut) {
         let Self { side, rule, onward, nodes, .. } = self;
         let known = &cut.known[..cut.count];
         let is_printed = rule.settings.subdivision == Subdivision::Kopylov;

@@ -11,8 +11,8 @@ use transport::{Proceed, check_length};
 use super::panel::{LANES, Ordered};
 use super::{BlockFile, StoredOperator, Workspace};
 use crate::error::Error;
+use crate::host::low_rank::{SIDE, permuted_indices};
 use crate::host::solve::{FLOOR, Factors, MIN_ALBEDO, check_albedo};
-use crate::host::tiles::{SIDE, permuted_indices};
 
 /// Greatest edge of the blocks of a factor: larger ones make products no faster.
 const MAX_EDGE: usize = 1024;

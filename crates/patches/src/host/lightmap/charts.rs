@@ -3,8 +3,9 @@
 use alloc::vec::Vec;
 
 use glam::{IVec3, Vec2, Vec3};
+use scene::gpu::TriangleUv;
 use scene::parallel::*;
-use scene::{Scene, Sides, TriangleUv};
+use scene::{Scene, Sides};
 
 /// Corners nearer than this share of the scene's diagonal are one.
 const SAME_CORNER: f32 = 1e-5;

@@ -332,7 +332,8 @@ fn check_count(name: &'static str, found: usize) -> Result<(), Error> {
 
 #[cfg(test)]
 mod tests {
-    use scene::{SceneParts, Triangle, TriangleUv};
+    use scene::SceneParts;
+    use scene::gpu::{Triangle, TriangleUv};
 
     use super::*;
 

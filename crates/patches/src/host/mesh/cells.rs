@@ -4,9 +4,10 @@ use alloc::vec;
 use alloc::vec::Vec;
 
 use glam::{Vec2, Vec3};
+use scene::gpu::Triangle;
 use scene::parallel::*;
 use scene::sampling::hash3;
-use scene::{NONE, Scene, SurfacePoint, Triangle};
+use scene::{NONE, Scene, SurfacePoint};
 use transport::TriangleGrid;
 
 use crate::error::Error;

@@ -26,7 +26,7 @@ use crate::types::Sample;
 /// the weight is zero.
 const NEIGHBOURS: usize = 8;
 /// Interpolation points that look for them together.
-const POINTS_TOGETHER: usize = 1 << 15;
+const POINTS_PER_BATCH: usize = 1 << 15;
 /// Receivers among which they are chosen.
 const SEARCHED: usize = 20;
 /// Ridge of the linear fit through them, in squared edges between receivers.
@@ -150,7 +150,7 @@ impl<'a> ReceiverField<'a> {
             return Ok(points.par_iter().map(weights).collect());
         };
         let mut found = Vec::with_capacity(points.len());
-        for block in points.chunks(POINTS_TOGETHER) {
+        for block in points.chunks(POINTS_PER_BATCH) {
             let mut choices: Vec<Choice> = block.par_iter().map(|point| self.choice(point)).collect();
             loop {
                 let sights = |choice: &Choice| {

@@ -3,10 +3,11 @@
 use core::sync::atomic::{AtomicUsize, Ordering};
 
 use glam::Vec4;
+use scene::gpu::{Triangle, TriangleUv};
 use scene::kernel::walk::LIT;
 use scene::math::sqrt;
 use scene::sampling::{hash, hash3, unit};
-use scene::{Ray, SceneParts, Triangle, TriangleUv};
+use scene::{Ray, SceneParts};
 
 use super::*;
 use crate::host::lit::Walker;
@@ -88,7 +89,7 @@ struct Looks {
 }
 
 impl Walker for Looks {
-    fn parts_taken(&self, _: &Scene, places: &[SurfacePoint], _: u32, _: u32) -> Result<Vec<u32>, Error> {
+    fn reachability(&self, _: &Scene, places: &[SurfacePoint], _: u32, _: u32) -> Result<Vec<u32>, Error> {
         Ok(vec![LIT; places.len()])
     }
 

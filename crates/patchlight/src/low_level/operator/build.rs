@@ -168,7 +168,7 @@ impl Panels<'_> {
         if !matches!(codec, Codec::LowRank { .. }) {
             let needed = (MATRICES * size_of::<f32>()) as f64 * (patches as f64).powi(2) * 1e-9;
             let available = self.bytes as f64 * 1e-9;
-            return Err(Error::OperatorMemory { patches, needed, available, instead: "tiles" });
+            return Err(Error::OperatorMemory { patches, needed, available, instead: "low_rank" });
         }
         let stored = self.factors.stored(self.albedo, self.bounces, self.build, self.bytes, observer)?;
         let held = stored.iter().map(|stored| stored.held_bytes).max().unwrap_or(0);
@@ -360,7 +360,7 @@ mod tests {
 
     use super::super::tests::cornell;
     use super::*;
-    use crate::method::firstshot::go_on;
+    use crate::method::firstshot::ignore_progress;
 
     /// Greatest relative difference of the channels (Frobenius).
     fn difference(ours: &[Mat<f32>; 3], exact: &[Mat<f32>; 3]) -> f32 {
@@ -399,8 +399,9 @@ mod tests {
             for (bounces, range) in [(1, u64::MAX), (2, 20_000), (3, u64::MAX), (4, 20_000), (5, 100_000)] {
                 let device = device.as_mut();
                 let range = range.min(device.device().max_storage_buffer_range);
-                let made = some_bounces_on_device(device, &factors, &albedo, bounces, range, &go_on).unwrap();
-                let host = [0, 1, 2].map(|c| some_bounces(&symmetric, &channel(&albedo, c), bounces, &go_on).unwrap());
+                let made = some_bounces_on_device(device, &factors, &albedo, bounces, range, &ignore_progress).unwrap();
+                let host = [0, 1, 2]
+                    .map(|c| some_bounces(&symmetric, &channel(&albedo, c), bounces, &ignore_progress).unwrap());
                 let powers = [0, 1, 2].map(|c| by_powers(&symmetric, &albedo, bounces, c));
                 for exact in [&host, &powers] {
                     let error = difference(&made, exact);
@@ -410,7 +411,8 @@ mod tests {
                     let mut other = albedo.clone();
                     other.swap(3, 70);
                     other[n - 1] *= 0.9;
-                    let made = some_bounces_on_device(device, &factors, &other, bounces, range, &go_on).unwrap();
+                    let made =
+                        some_bounces_on_device(device, &factors, &other, bounces, range, &ignore_progress).unwrap();
                     assert!(difference(&made, &host) > 1e-4, "another albedo is not noticed");
                 }
             }
@@ -433,13 +435,13 @@ mod tests {
             for range in [u64::MAX, 70_000] {
                 let device = device.as_mut();
                 let range = range.min(device.device().max_storage_buffer_range);
-                let made = all_bounces_on_device(device, &factors, &albedo, range, &go_on).unwrap();
+                let made = all_bounces_on_device(device, &factors, &albedo, range, &ignore_progress).unwrap();
                 let error = difference(&made, &exact);
                 // Sums in single precision, in another order.
                 assert!(error < 2e-5, "in ranges of {range} bytes: {error}");
                 let mut other = albedo.clone();
                 other.swap(3, 70);
-                let wrong = all_bounces_on_device(device, &factors, &other, range, &go_on).unwrap();
+                let wrong = all_bounces_on_device(device, &factors, &other, range, &ignore_progress).unwrap();
                 assert!(difference(&wrong, &exact) > 1e-4, "another albedo is not noticed");
                 same.push(made);
             }

@@ -13,7 +13,7 @@ use super::build::{MATRICES, Panels, check_memory, compress_form_factors};
 use super::*;
 use crate::form_factors::{Estimator, FormFactors};
 use crate::memory::available_bytes;
-use crate::method::firstshot::go_on;
+use crate::method::firstshot::ignore_progress;
 
 /// Every codec, with the relative error of irradiance that it may have against the dense one.
 pub const CODECS: [(Codec, f64); 8] = [
@@ -40,7 +40,7 @@ pub fn cornell() -> (SymmetricFactors, Vec<Vec4>) {
     let sampler = lit_sampler(&scene, settings.count, Density::default(), settings.seed).unwrap();
     let mesh = PatchMesh::new(&scene, sampler.as_ref(), &settings).unwrap();
     let estimator = Estimator::Hemisphere { rays: 1024 };
-    let found = FormFactors::estimate(&scene, &mesh, estimator, 0, &go_on).unwrap();
+    let found = FormFactors::estimate(&scene, &mesh, estimator, 0, &ignore_progress).unwrap();
     (SymmetricFactors::new(&mesh, &found.factors).unwrap(), mesh.albedo.clone())
 }
 
@@ -208,7 +208,7 @@ fn what_exceeds_the_limit_is_built_in_panels_with_the_same_result() {
         made.unwrap_err().to_string()
     };
     let message = refuse(Codec::Half, &build, 1 << 20);
-    assert!(message.contains("tiles"), "{message}");
+    assert!(message.contains("low_rank"), "{message}");
     let message = refuse(codec, &build, 1 << 16);
     assert!(message.contains("allow more memory"), "{message}");
     build.folder = folder.path().join("nowhere");

@@ -1,7 +1,7 @@
 //! Pictures of any size on devices whose bindings show only so many bytes: each pass runs over one band of pixels after
 //! the other. Bands are parts of the same tables; a pixel is what it is without them, in every bit.
 
-use runtime::plan::{BufferId, RANGE_ALIGNMENT, Range};
+use runtime::plan::{RANGE_ALIGNMENT, Slice};
 use scene::kernel::large::REACH;
 use scene::{Rgb, SurfacePoint};
 
@@ -18,14 +18,13 @@ pub struct Band {
 }
 
 impl Band {
-    /// The part of a table with an element of type `T` a pixel.
-    pub fn of<T>(self, table: BufferId) -> Range {
+    /// The part of a table with an element a pixel.
+    pub fn of<T>(self, table: Slice<T>) -> Slice<T> {
         if self.count == 0 {
             // A picture without pixels: its empty tables are bound whole.
-            return table.into();
+            return table;
         }
-        let stride = size_of::<T>() as u64;
-        table.range(stride * u64::from(self.first), stride * u64::from(self.count))
+        table.part(self.first as usize, self.count as usize)
     }
 
     /// With the pixels about that an average of direct light takes in: up to [`REACH`] columns and rows away.

@@ -2,11 +2,12 @@
 
 use bytemuck::Zeroable as _;
 use glam::{Vec3, Vec4};
+use gpu_kernels::scene::{AddLightsPass, DirectSharesPass};
 use runtime::executor::{Executor, ExecutorError};
-use runtime::plan::{BufferId, PassId, Plan, Range};
-use runtime::recipe::rgb_bytes;
+use runtime::plan::{PassId, Plan, Slice};
 use runtime::recipe::scene::{PassMedium, SceneTables};
-use scene::{DirectParams, Light};
+use scene::gpu::DirectParams;
+use scene::{Light, Rgb, SurfacePoint};
 
 use crate::low_level::frame::FramePlan;
 
@@ -18,9 +19,9 @@ const MAX_KEPT: u64 = 1 << 30;
 #[derive(Debug)]
 pub struct DirectLight {
     /// Irradiance at the samples.
-    pub irradiance: BufferId,
+    pub irradiance: Slice<Rgb>,
     /// The samples.
-    pub points: Range,
+    pub points: Slice<SurfacePoint>,
     /// Light of emitters and sky, and all lights where nothing is kept of them.
     surround: PassId,
     medium: PassMedium,
@@ -34,9 +35,9 @@ struct KeptLights {
     trace: PassId,
     /// The sum of all.
     add: PassId,
-    changed: BufferId,
-    shares: BufferId,
-    occluders: BufferId,
+    changed: Slice<u32>,
+    shares: Slice<f32>,
+    occluders: Slice<u32>,
     /// Lights whose shares are on the device, without their colours.
     traced: Vec<Light>,
     is_surrounded: bool,
@@ -54,27 +55,32 @@ pub fn add(frame: &mut FramePlan, scene: &SceneTables) -> Result<DirectLight, Ex
     let plan = &mut frame.plan;
     let capacity = scene.light_capacity();
     let count = params.count as usize;
-    let irradiance = plan.storage("direct irradiance", rgb_bytes(count));
+    let irradiance = plan.array("direct irradiance", count);
     let share_bytes = (capacity * count * size_of::<f32>()) as u64;
     let medium = scene.medium();
     // What is kept of a light is one number for all channels.
     if share_bytes > binding_bytes.min(MAX_KEPT) || medium != PassMedium::default() {
-        let own = [("points", points), ("irradiance", Range::from(irradiance))];
-        let surround = scene.direct_light(plan, "direct", &own, params)?;
+        let surround = scene.direct_light(plan, "direct", points, irradiance, params)?;
         return Ok(DirectLight { irradiance, points, surround, medium, kept: None });
     }
-    let surroundings = plan.storage("surroundings", rgb_bytes(count));
-    let shares = plan.storage("light shares", share_bytes);
-    let occluders = plan.storage("occluders", (capacity * count * size_of::<u32>()) as u64);
-    let changed = plan.storage("changed lights", (capacity * size_of::<u32>()) as u64);
+    let surroundings = plan.array("surroundings", count);
+    let shares = plan.array("light shares", capacity * count);
+    let occluders = plan.array("occluders", capacity * count);
+    let changed = plan.array("changed lights", capacity);
 
-    let of_lights = [("changed", changed), ("shares", shares), ("occluders", occluders)].map(|(n, id)| (n, id.into()));
-    let own = [&[("points", points)], &of_lights[..]].concat();
-    let trace = scene.direct_shares(plan, "direct", &own, params)?;
-    let own = [("points", points), ("irradiance", Range::from(surroundings))];
-    let surround = scene.direct_light(plan, "direct", &own, params)?;
-    let own = [("shares", shares.into()), ("surroundings", surroundings.into()), ("irradiance", irradiance.into())];
-    let add = scene.add_lights(plan, "direct", &own, params)?;
+    let lights = scene.lights.lights;
+    let trace = DirectSharesPass {
+        points,
+        geometry: scene.geometry,
+        lights,
+        distributions: scene.lights.distributions,
+        changed,
+        shares,
+        occluders,
+    };
+    let trace = plan.add("direct", &trace, params)?;
+    let surround = scene.direct_light(plan, "direct", points, surroundings, params)?;
+    let add = plan.add("direct", &AddLightsPass { lights, shares, surroundings, irradiance }, params)?;
     let kept = KeptLights { trace, add, changed, shares, occluders, traced: Vec::new(), is_surrounded: false };
     Ok(DirectLight { irradiance, points, surround, medium, kept: Some(kept) })
 }
@@ -85,11 +91,11 @@ impl DirectLight {
     /// # Errors
     /// What the device says.
     pub fn clear(&self, executor: &mut dyn Executor) -> Result<(), ExecutorError> {
-        executor.clear(self.irradiance)?;
+        executor.clear(self.irradiance.buffer)?;
         let Some(kept) = &self.kept else { return Ok(()) };
-        executor.clear(kept.changed)?;
-        executor.clear(kept.occluders)?;
-        executor.clear(kept.shares)
+        executor.clear(kept.changed.buffer)?;
+        executor.clear(kept.occluders.buffer)?;
+        executor.clear(kept.shares.buffer)
     }
 
     /// Makes the passes ready for lights; those that are to be submitted.
@@ -167,21 +173,20 @@ pub struct PointLight {
     /// The pass, whose push constants have the number of lights.
     pub pass: PassId,
     /// Irradiance at the points.
-    pub irradiance: BufferId,
+    pub irradiance: Slice<Rgb>,
 }
 
-/// Adds the pass for `params.count` points anywhere. Shapes: `points[count]` of `SurfacePoint`.
+/// Adds the pass for `params.count` points anywhere.
 ///
 /// # Errors
 /// What the plan says.
 pub fn at_points(
     plan: &mut Plan,
     scene: &SceneTables,
-    points: Range,
+    points: Slice<SurfacePoint>,
     params: &DirectParams,
 ) -> Result<PointLight, ExecutorError> {
-    let irradiance = plan.storage("direct irradiance", rgb_bytes(params.count as usize));
-    let own = [("points", points), ("irradiance", Range::from(irradiance))];
-    let pass = scene.direct_light(plan, "direct", &own, params)?;
+    let irradiance = plan.array("direct irradiance", params.count as usize);
+    let pass = scene.direct_light(plan, "direct", points, irradiance, params)?;
     Ok(PointLight { pass, irradiance })
 }

@@ -1,9 +1,9 @@
 //! Pixels as a display shows them, left on the device: exposure, sRGB, a byte each of red, green, blue and 255.
 
 use gpu_kernels::params::ToneMapParams;
+use gpu_kernels::scene::ToneMapPass;
 use runtime::executor::{Executor, ExecutorError};
-use runtime::plan::{BufferId, PassId, RANGE_ALIGNMENT};
-use runtime::recipe::scene::tone_map;
+use runtime::plan::{PassId, RANGE_ALIGNMENT, Slice};
 use scene::{Rgb, stops_to_scale};
 
 use super::bands::Band;
@@ -20,7 +20,7 @@ const STEP: u32 = (RANGE_ALIGNMENT / size_of::<u32>() as u64) as u32;
 #[derive(Clone, Debug)]
 pub struct Display {
     /// Displayed colours, `[pixels]`, a word each: bytes red, green, blue, 255 from the lowest.
-    pub pixels: BufferId,
+    pub pixels: Slice<u32>,
     bands: Vec<(Band, PassId)>,
     sub_frames: u32,
 }
@@ -33,11 +33,11 @@ pub fn add(frame: &mut FramePlan, shade: &Shade, (width, height): (u32, u32)) ->
     let count = width * height;
     let bands = bands(count, frame.binding_bytes());
     let plan = &mut frame.plan;
-    let pixels = plan.storage("displayed", u64::from(count) * size_of::<u32>() as u64);
+    let pixels = plan.array("displayed", count as usize);
     let add = |&band: &Band| {
-        let own = [("sum", band.of::<Rgb>(shade.full)), ("pixels", band.of::<u32>(pixels))];
+        let pass = ToneMapPass { sum: band.of(shade.full), pixels: band.of(pixels) };
         let params = ToneMapParams { count: band.count, ..ToneMapParams::default() };
-        Ok::<_, ExecutorError>((band, tone_map(plan, PASS, &own, &params)?))
+        Ok::<_, ExecutorError>((band, plan.add(PASS, &pass, &params)?))
     };
     let bands = bands.iter().map(add).collect::<Result<_, _>>()?;
     Ok(Display { pixels, bands, sub_frames: shade.sub_frames() })

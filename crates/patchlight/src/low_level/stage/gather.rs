@@ -2,11 +2,10 @@
 //! W/m².
 
 use gpu_kernels::params::CountParams;
-use gpu_kernels::table;
+use gpu_kernels::transport::GatherCsrPass;
 use runtime::executor::ExecutorError;
 use runtime::recipe::formfactor::{HitTables, SparseTables};
 use runtime::recipe::patches::WeightTables;
-use runtime::recipe::{add_pass, rgb_bytes};
 
 use crate::low_level::frame::FramePlan;
 use crate::method::Method;
@@ -49,7 +48,7 @@ pub fn add_receivers(frame: &mut FramePlan, method: &mut dyn Method) -> Result<O
     if !is_found {
         let tables = HitTables::new(&mut frame.plan, &mut frame.tables, &frame.bake.receivers.rows);
         let range = frame.binding_bytes();
-        tables.gather(&mut frame.plan, "lookup", range, frame.elements.exitance.buffer, frame.received)?;
+        tables.gather(&mut frame.plan, "lookup", range, frame.elements.exitance, frame.received)?;
         rows = Some(tables);
     }
     let (smoothing, weights) = add_interpolation(frame)?;
@@ -73,7 +72,7 @@ fn add_element_bounce(frame: &mut FramePlan, method: &mut dyn Method) -> Result<
     if !method.add_element_passes(frame, exitance)? {
         let rows = HitTables::new(&mut frame.plan, &mut frame.tables, element_rows);
         let range = frame.binding_bytes();
-        rows.gather(&mut frame.plan, "lookup", range, exitance.buffer, frame.elements.irradiance.buffer)?;
+        rows.gather(&mut frame.plan, "lookup", range, exitance, frame.elements.irradiance)?;
     }
     Ok(())
 }
@@ -84,18 +83,17 @@ fn add_patch_light(frame: &mut FramePlan) -> Result<(), ExecutorError> {
     let plan = &mut frame.plan;
     let tables = &mut frame.tables;
     let elements = mesh.elements.len() as u32;
-    let patch_light = plan.storage("patch light at elements", rgb_bytes(elements as usize));
+    let patch_light = plan.array("patch light at elements", elements as usize);
     let patch: Vec<u32> = (0..elements).map(|element| mesh.patch_of(element)).collect();
     let starts: Vec<u32> = (0..=elements).collect();
-    let own = [
-        ("row_start", tables.owned(plan, "element starts", starts)),
-        ("columns", tables.owned(plan, "element patches", patch)),
-        ("values", tables.owned(plan, "element ones", vec![1.0f32; elements as usize])),
-        ("exitance", frame.patches.irradiance),
-        ("irradiance", patch_light.into()),
-    ];
-    let count = CountParams { count: elements };
-    add_pass(plan, "lookup", &table::FORMFACTOR_GATHER_CSR, &own, &[], &count, elements)?;
+    let spread = GatherCsrPass {
+        row_start: tables.owned(plan, "element starts", starts),
+        columns: tables.owned(plan, "element patches", patch),
+        values: tables.owned(plan, "element ones", vec![1.0; elements as usize]),
+        exitance: frame.patches.irradiance,
+        irradiance: patch_light,
+    };
+    plan.add("lookup", &spread, &CountParams { count: elements })?;
     frame.elements.bounce_of(plan, "lookup", patch_light)?;
     Ok(())
 }
@@ -105,8 +103,8 @@ fn add_interpolation(frame: &mut FramePlan) -> Result<(WeightTables, WeightTable
     let receivers = &frame.bake.receivers;
     let count = receivers.points.len();
     let first_smooth = receivers.first_smooth();
-    let quadrants = frame.received.range(0, rgb_bytes(QUADRANTS * count));
-    let smooth = frame.received.range(rgb_bytes(first_smooth), rgb_bytes(count));
+    let quadrants = frame.received.part(0, QUADRANTS * count);
+    let smooth = frame.received.part(first_smooth, count);
     let plan = &mut frame.plan;
     let tables = &mut frame.tables;
     let smoothing = WeightTables::new(plan, tables, "smoothing", &receivers.smoothing, (0, QUADRANTS));

@@ -1,15 +1,17 @@
 //! Pixels: sub-frames of primary rays, direct light, indirect light from the interpolation points or from the patches
 //! about, and shading.
 
-use gpu_kernels::params::{FollowParams, PixelParams};
+use gpu_kernels::params::{CountParams, FollowParams, PixelParams};
+use gpu_kernels::scene::{AlbedoPass, ChainShadePass, ChainSurfacePass, FollowPass, PrimaryPass, ShadePass};
+use gpu_kernels::transport::InterpolatePass;
 use runtime::executor::{Executor, ExecutorError};
-use runtime::plan::{BufferId, PassId, Plan, Range};
-use runtime::recipe::formfactor::interpolate;
+use runtime::plan::{PassId, Plan, Slice};
 use runtime::recipe::patches::LookupTables;
 use runtime::recipe::scene::{PassMedium, SceneTables};
-use runtime::recipe::{Named, rgb_bytes};
+use scene::gpu::{DirectParams, SpecularChain};
 use scene::sampling::hash3;
-use scene::{Camera, DirectParams, Hit, Rgb, SpecularChain, SurfacePoint};
+use scene::{Camera, Hit, Rgb, SurfacePoint};
+use transport::{ReceiverCell, TriangleGrid};
 
 use super::bands::{Band, bands};
 use super::sky::SkyLight;
@@ -51,19 +53,19 @@ pub struct PixelSettings {
     pub follows: bool,
     /// Irradiance of the interpolation points from the sky, for direct light without noise, which needs a sum of its
     /// own; without it light is sampled.
-    pub smooth_sky: Option<Range>,
+    pub smooth_sky: Option<Slice<Rgb>>,
 }
 
 /// The passes of pictures.
 #[derive(Clone, Debug)]
 pub struct Shade {
     /// Sums over the sub-frames of all radiance, W/m²/sr.
-    pub full: BufferId,
+    pub full: Slice<Rgb>,
     /// Sum of direct radiance, where that is separate.
-    pub direct: BufferId,
+    pub direct: Slice<Rgb>,
     /// Buffers of one sub-frame, overwritten by the next.
     pub pixels: PixelBuffers,
-    no_light: BufferId,
+    no_light: Slice<Rgb>,
     settings: PixelSettings,
     medium: PassMedium,
     bands: Vec<Band>,
@@ -97,39 +99,17 @@ struct BandPasses {
 #[derive(Clone, Copy, Debug)]
 pub struct PixelBuffers {
     /// Hits of the primary rays.
-    pub hits: BufferId,
+    pub hits: Slice<Hit>,
     /// Hits as points to be lit.
-    pub points: BufferId,
+    pub points: Slice<SurfacePoint>,
     /// Albedo there.
-    pub albedo: BufferId,
+    pub albedo: Slice<Rgb>,
     /// Direct irradiance there, W/m².
-    pub direct: BufferId,
+    pub direct: Slice<Rgb>,
     /// Indirect irradiance there, W/m².
-    pub indirect: BufferId,
+    pub indirect: Slice<Rgb>,
     /// Specular paths of the primary rays, where they go on at mirrors and through glass.
-    pub chains: Option<BufferId>,
-}
-
-impl PixelBuffers {
-    /// Hits of the primary rays of a band, as a binding.
-    pub fn hits_of(&self, band: Band) -> Named {
-        ("hits", band.of::<Hit>(self.hits))
-    }
-
-    /// Specular paths of the rays of a band, as a binding, where they go on.
-    fn chains_of(&self, band: Band) -> Option<Named> {
-        self.chains.map(|chains| ("chains", band.of::<SpecularChain>(chains)))
-    }
-
-    /// The albedo of a band, as a binding.
-    pub fn albedo_of(&self, band: Band) -> Named {
-        ("albedo", band.of::<Rgb>(self.albedo))
-    }
-
-    /// The points of a band, as a binding.
-    pub fn points_of(&self, band: Band) -> Named {
-        ("points", band.of::<SurfacePoint>(self.points))
-    }
+    pub chains: Option<Slice<SpecularChain>>,
 }
 
 /// Adds the passes of so many sub-frames of a picture of a bake; without noise where there is light of the sky for it.
@@ -144,7 +124,7 @@ pub fn add(
     sub_frames: u32,
     sky: Option<&SkyLight>,
 ) -> Result<Shade, ExecutorError> {
-    let smooth_sky = sky.map(|sky| Range::from(sky.interpolated));
+    let smooth_sky = sky.map(|sky| sky.interpolated);
     let direct = DirectParams { area_rays: PIXEL_RAYS, sky_rays: PIXEL_RAYS, ..frame.bake.direct };
     let settings = PixelSettings {
         size,
@@ -170,21 +150,21 @@ pub fn add_pixels(
 ) -> Result<Shade, ExecutorError> {
     let count = settings.size.0 * settings.size.1;
     let first = plan.passes().len();
-    let rgb = rgb_bytes(count as usize);
+    let count = count as usize;
     let pixels = PixelBuffers {
-        hits: plan.storage("hits", u64::from(count) * size_of::<Hit>() as u64),
-        points: plan.storage("pixel points", u64::from(count) * size_of::<SurfacePoint>() as u64),
-        albedo: plan.storage("pixel albedo", rgb),
-        direct: plan.storage("pixel direct", rgb),
-        indirect: plan.storage("pixel indirect", rgb),
-        chains: settings.follows.then(|| plan.storage("chains", u64::from(count) * size_of::<SpecularChain>() as u64)),
+        hits: plan.array("hits", count),
+        points: plan.array("pixel points", count),
+        albedo: plan.array("pixel albedo", count),
+        direct: plan.array("pixel direct", count),
+        indirect: plan.array("pixel indirect", count),
+        chains: settings.follows.then(|| plan.array("chains", count)),
     };
     let bands = bands(settings.size, settings.binding_bytes);
-    let direct_bytes = if settings.has_separate_direct { rgb } else { 0 };
-    let band_bytes = bands.first().map_or(0, |band| rgb_bytes(band.count as usize));
-    let no_light = plan.storage("no light", direct_bytes.min(band_bytes));
-    let full = plan.storage("full", rgb);
-    let direct = plan.storage("direct sum", direct_bytes);
+    let direct_count = if settings.has_separate_direct { count } else { 0 };
+    let band_count = bands.first().map_or(0, |band| band.count as usize);
+    let no_light = plan.array("no light", direct_count.min(band_count));
+    let full = plan.array("full", count);
+    let direct = plan.array("direct sum", direct_count);
     let sub_frames = settings.sub_frames.max(1);
     let smooth_sky = settings.smooth_sky.filter(|_| settings.has_separate_direct);
     let smooth = smooth_sky.map(|sky| SmoothLight::new(plan, sky, sub_frames, settings, scene.medium()));
@@ -221,18 +201,18 @@ pub enum Indirect {
         /// Which patches are about.
         lookup: LookupTables,
         /// Irradiance of the patches, W/m²; as many values as the lookup needs.
-        values: Range,
+        values: Slice<Rgb>,
     },
     /// The interpolation points of the triangle that is seen.
     Interpolation {
         /// Cells of each triangle.
-        grids: Range,
+        grids: Slice<TriangleGrid>,
         /// Cells.
-        cells: Range,
+        receiver_cells: Slice<ReceiverCell>,
         /// Interpolation points of the cells.
-        vertices: Range,
+        vertices: Slice<u32>,
         /// Irradiance of the interpolation points, W/m².
-        values: Range,
+        values: Slice<Rgb>,
     },
 }
 
@@ -249,28 +229,18 @@ impl Indirect {
         let points = &frame.bake.receivers.interpolation;
         Self::Interpolation {
             grids: tables.part(plan, "grids", points, |points| &points.grids),
-            cells: tables.part(plan, "receiver_cells", points, |points| &points.cells),
+            receiver_cells: tables.part(plan, "receiver_cells", points, |points| &points.cells),
             vertices: tables.part(plan, "vertices", points, |points| &points.vertices),
-            values: frame.interpolated.into(),
-        }
-    }
-
-    /// Bindings of the mesh of the interpolation points.
-    pub fn mesh(&self) -> Vec<Named> {
-        match *self {
-            Self::Patches { .. } => Vec::new(),
-            Self::Interpolation { grids, cells, vertices, .. } => {
-                vec![("grids", grids), ("receiver_cells", cells), ("vertices", vertices)]
-            }
+            values: frame.interpolated,
         }
     }
 
     /// Copy with other light.
-    pub fn with_values(self, light: Range) -> Self {
+    pub fn with_values(self, light: Slice<Rgb>) -> Self {
         match self {
             Self::Patches { lookup, .. } => Self::Patches { lookup, values: light },
-            Self::Interpolation { grids, cells, vertices, .. } => {
-                Self::Interpolation { grids, cells, vertices, values: light }
+            Self::Interpolation { grids, receiver_cells, vertices, .. } => {
+                Self::Interpolation { grids, receiver_cells, vertices, values: light }
             }
         }
     }
@@ -284,20 +254,19 @@ impl Indirect {
         plan: &mut Plan,
         scene: &SceneTables,
         buffers: &PixelBuffers,
-        irradiance: BufferId,
+        irradiance: Slice<Rgb>,
         band: Band,
     ) -> Result<PassId, ExecutorError> {
-        let mut own = vec![buffers.points_of(band), ("irradiance", band.of::<Rgb>(irradiance))];
+        let points = band.of(buffers.points);
+        let irradiance = band.of(irradiance);
         match *self {
-            Self::Patches { lookup, values } => {
-                own.push(("values", values));
-                lookup.at_points(plan, "shade", &own, band.count)
-            }
-            Self::Interpolation { values, .. } => {
-                own.extend([buffers.hits_of(band), ("values", values)]);
-                own.extend(self.mesh());
-                own.extend(scene.bindings().iter().filter(|(name, _)| *name == "triangles"));
-                interpolate(plan, "shade", &own, band.count)
+            Self::Patches { lookup, values } => lookup.at_points(plan, "shade", values, points, irradiance, band.count),
+            Self::Interpolation { grids, receiver_cells, vertices, values } => {
+                let hits = band.of(buffers.hits);
+                let triangles = scene.geometry.triangles;
+                let pass =
+                    InterpolatePass { hits, points, triangles, grids, receiver_cells, vertices, values, irradiance };
+                Ok(plan.add("shade", &pass, &CountParams { count: band.count })?)
             }
         }
     }
@@ -311,28 +280,31 @@ fn add_sub_frame(
 ) -> Result<SubFrame, ExecutorError> {
     let first = plan.passes().len();
     let buffers = &shade.pixels;
+    let SceneTables { geometry, lights, .. } = *scene;
     let mut primary = Vec::new();
     for &band in &shade.bands {
         let camera = PixelParams { count: band.count, first: band.first, ..PixelParams::default() };
-        let hits = buffers.hits_of(band);
-        primary.push(match buffers.chains_of(band) {
-            None => scene.primary(plan, "shade", &[hits, buffers.points_of(band)], &camera)?,
+        let hits = band.of(buffers.hits);
+        primary.push(match buffers.chains {
+            None => plan.add("shade", &PrimaryPass { geometry, hits, points: band.of(buffers.points) }, &camera)?,
             Some(chains) => {
                 let follow = FollowParams { count: band.count, pixels: camera, ..FollowParams::default() };
-                scene.follow(plan, "shade", &[hits, chains], &follow)?
+                plan.add("shade", &FollowPass { geometry, lights, hits, chains: band.of(chains) }, &follow)?
             }
         });
     }
     let mut albedo = Vec::new();
     for &band in &shade.bands {
-        let hits = buffers.hits_of(band);
-        let own = buffers.albedo_of(band);
-        match buffers.chains_of(band) {
-            None => albedo.push(scene.albedo(plan, "shade", &[hits, own], band.count)?),
+        let hits = band.of(buffers.hits);
+        let seen = band.of(buffers.albedo);
+        let count = CountParams { count: band.count };
+        match buffers.chains {
+            None => albedo.push(plan.add("shade", &AlbedoPass { hits, geometry, albedo: seen }, &count)?),
             // Points are a part of what is seen; their passes stand after those whose push constants change.
             Some(chains) => {
-                let own = [hits, chains, buffers.points_of(band), own];
-                primary.push(scene.chain_surface(plan, "shade", &own, band.count)?);
+                let points = band.of(buffers.points);
+                let pass = ChainSurfacePass { hits, chains: band.of(chains), geometry, points, albedo: seen };
+                primary.push(plan.add("shade", &pass, &count)?);
             }
         }
     }
@@ -355,31 +327,44 @@ fn add_band(
     let light = match &smooth {
         Some(passes) => passes.sharp,
         None => {
-            let own = [buffers.points_of(band), ("irradiance", band.of::<Rgb>(buffers.direct))];
             let direct = DirectParams { count: band.count, first: band.first, ..shade.settings.direct };
-            scene.direct_light(plan, "shade", &own, &direct)?
+            scene.direct_light(plan, "shade", band.of(buffers.points), band.of(buffers.direct), &direct)?
         }
     };
     indirect.add_to(plan, scene, buffers, buffers.indirect, band)?;
-    let camera = PixelParams { count: band.count, first: band.first, ..PixelParams::default() };
-    let own = |indirect: Range, sum: BufferId| {
-        let direct = band.of::<Rgb>(buffers.direct);
-        let hits = buffers.hits_of(band);
-        let albedo = buffers.albedo_of(band);
-        let light = [hits, albedo, ("direct", direct), ("indirect", indirect), ("sum", band.of::<Rgb>(sum))];
-        light.into_iter().chain(buffers.chains_of(band)).collect::<Vec<Named>>()
-    };
-    let mut add = |own: &[Named]| match buffers.chains {
-        None => scene.shade(plan, "shade", own, &camera),
-        Some(_) => scene.chain_shade(plan, "shade", own, band.count),
-    };
-    let shade_full = add(&own(band.of::<Rgb>(buffers.indirect), shade.full))?;
+    let shade_full = add_shading(plan, scene, buffers, band, band.of(buffers.indirect), shade.full)?;
     let mut shade_direct = None;
     if shade.settings.has_separate_direct {
-        let no_light = Band { first: 0, ..band }.of::<Rgb>(shade.no_light);
-        shade_direct = Some(add(&own(no_light, shade.direct))?);
+        let no_light = Band { first: 0, ..band }.of(shade.no_light);
+        shade_direct = Some(add_shading(plan, scene, buffers, band, no_light, shade.direct)?);
     }
     Ok(BandPasses { light, smooth, shade_full, shade_direct })
+}
+
+/// Adds the pass that adds a sub-frame's radiance under an indirect light to the sums of the pixels of a band.
+fn add_shading(
+    plan: &mut Plan,
+    scene: &SceneTables,
+    buffers: &PixelBuffers,
+    band: Band,
+    indirect: Slice<Rgb>,
+    sum: Slice<Rgb>,
+) -> Result<PassId, ExecutorError> {
+    let SceneTables { geometry, lights, .. } = *scene;
+    let albedo = band.of(buffers.albedo);
+    let direct = band.of(buffers.direct);
+    let sum = band.of(sum);
+    Ok(match buffers.chains {
+        None => {
+            let camera = PixelParams { count: band.count, first: band.first, ..PixelParams::default() };
+            let hits = band.of(buffers.hits);
+            plan.add("shade", &ShadePass { hits, albedo, direct, indirect, geometry, lights, sum }, &camera)?
+        }
+        Some(chains) => {
+            let pass = ChainShadePass { chains: band.of(chains), albedo, direct, indirect, sum };
+            plan.add("shade", &pass, &CountParams { count: band.count })?
+        }
+    })
 }
 
 /// Subject of a picture.
@@ -405,7 +390,7 @@ impl Shade {
     /// What the device says.
     pub fn clear(&self, executor: &mut dyn Executor) -> Result<(), ExecutorError> {
         if self.settings.has_separate_direct {
-            executor.clear(self.no_light)?;
+            executor.clear(self.no_light.buffer)?;
         }
         Ok(())
     }
@@ -466,9 +451,9 @@ impl Shade {
     /// # Errors
     /// What the device says.
     pub fn set(&self, executor: &mut (dyn Executor + 'static), shot: &Shot) -> Result<(), ExecutorError> {
-        executor.clear(self.full)?;
+        executor.clear(self.full.buffer)?;
         if self.settings.has_separate_direct {
-            executor.clear(self.direct)?;
+            executor.clear(self.direct.buffer)?;
         }
         if let Some(smooth) = &self.smooth {
             smooth.clear(executor)?;

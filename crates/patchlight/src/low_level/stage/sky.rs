@@ -4,11 +4,10 @@
 
 use glam::Vec4;
 use runtime::executor::{Executor, ExecutorError};
-use runtime::plan::{BufferId, PassId};
+use runtime::plan::{PassId, Slice};
 use runtime::recipe::formfactor::HitTables;
-use runtime::recipe::rgb_bytes;
 use scene::kernel::bvh::FAR;
-use scene::{SKY_BINS, Scene, sky_exitance};
+use scene::{Rgb, SKY_BINS, Scene, sky_exitance};
 use transport::QUADRANTS;
 
 use super::gather::ReceiverTables;
@@ -21,9 +20,9 @@ pub const PASS: &str = "sky";
 #[derive(Clone, Debug)]
 pub struct SkyLight {
     /// Exitance of each bin of the sky.
-    bins: BufferId,
+    bins: Slice<Rgb>,
     /// Irradiance of the interpolation points.
-    pub interpolated: BufferId,
+    pub interpolated: Slice<Rgb>,
     /// From the bins to the interpolation points; none where no receiver sees the sky.
     pub passes: Vec<PassId>,
 }
@@ -39,17 +38,17 @@ pub fn add(frame: &mut FramePlan, tables: &ReceiverTables) -> Result<SkyLight, E
     let range = frame.binding_bytes();
     let plan = &mut frame.plan;
     let first = plan.passes().len();
-    let bins = plan.storage("sky bins", rgb_bytes(SKY_BINS));
-    let interpolated = plan.storage("sky interpolated", rgb_bytes(receivers.interpolation.points.len()));
+    let bins = plan.array("sky bins", SKY_BINS);
+    let interpolated = plan.array("sky interpolated", receivers.interpolation.points.len());
     if receivers.sky_rows.quads().is_empty() {
         // No receiver sees it.
         return Ok(SkyLight { bins, interpolated, passes: Vec::new() });
     }
-    let received = plan.storage("received from the sky", rgb_bytes(first_smooth + count));
+    let received = plan.array("received from the sky", first_smooth + count);
     let rows = HitTables::new(plan, &mut frame.tables, &receivers.sky_rows);
     rows.gather(plan, PASS, range, bins, received)?;
-    let quadrants = received.range(0, rgb_bytes(QUADRANTS * count));
-    let smooth = received.range(rgb_bytes(first_smooth), rgb_bytes(count));
+    let quadrants = received.part(0, QUADRANTS * count);
+    let smooth = received.part(first_smooth, count);
     tables.smoothing.weigh(plan, PASS, quadrants, smooth)?;
     tables.weights.weigh(plan, PASS, received, interpolated)?;
     Ok(SkyLight { bins, interpolated, passes: plan.all_passes().split_off(first) })
@@ -68,7 +67,7 @@ impl SkyLight {
     /// What the device says.
     pub fn set(&self, executor: &mut dyn Executor, bins: &[Vec4]) -> Result<(), ExecutorError> {
         if self.passes.is_empty() {
-            return executor.clear(self.interpolated);
+            return executor.clear(self.interpolated.buffer);
         }
         executor.upload(self.bins, bins)
     }

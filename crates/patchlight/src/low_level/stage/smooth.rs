@@ -2,11 +2,12 @@
 //! exactly where nothing is in the way, times the share that shadow rays of a fixed pattern see, averaged over like
 //! pixels. Parallel, point and spot lights have a shadow ray in each sub-frame.
 
+use gpu_kernels::scene::AddLargeLightPass;
 use runtime::executor::{Executor, ExecutorError};
-use runtime::plan::{BufferId, PassId, Plan, Range};
-use runtime::recipe::rgb_bytes;
-use runtime::recipe::scene::{PassMedium, SceneTables, add_large_light};
-use scene::{Camera, DirectParams, LargeParams, Rgb, ShareParams, SurfacePoint};
+use runtime::plan::{PassId, Plan, Slice};
+use runtime::recipe::scene::{LargeLight, PassMedium, SceneTables};
+use scene::gpu::{DirectParams, LargeParams, ShareParams};
+use scene::{Camera, Rgb};
 
 use super::bands::Band;
 use super::shade::{Indirect, PixelBuffers, PixelSettings, Shot};
@@ -19,13 +20,13 @@ const TOLERANCE: f32 = 2.5;
 #[derive(Clone, Copy, Debug)]
 pub struct SmoothLight {
     /// Irradiance of the interpolation points from the sky, W/m².
-    sky: Range,
+    sky: Slice<Rgb>,
     /// Light of the sky at the pixels.
-    from_sky: BufferId,
+    from_sky: Slice<Rgb>,
     /// Radiance from rectangles and emitters, were nothing in the way; of the samples that are seen; of all samples.
-    open: BufferId,
-    seen: BufferId,
-    sampled: BufferId,
+    open: Slice<Rgb>,
+    seen: Slice<Rgb>,
+    sampled: Slice<Rgb>,
     /// Picture size, pixels, and number of sub-frames.
     size: (u32, u32),
     sub_frames: u32,
@@ -44,15 +45,21 @@ pub struct SmoothPasses {
 
 impl SmoothLight {
     /// The buffers of so many sub-frames of a picture, with the irradiance of the interpolation points from the sky.
-    pub fn new(plan: &mut Plan, sky: Range, sub_frames: u32, settings: &PixelSettings, medium: PassMedium) -> Self {
+    pub fn new(
+        plan: &mut Plan,
+        sky: Slice<Rgb>,
+        sub_frames: u32,
+        settings: &PixelSettings,
+        medium: PassMedium,
+    ) -> Self {
         let size = settings.size;
-        let bytes = rgb_bytes(size.0 as usize * size.1 as usize);
+        let count = size.0 as usize * size.1 as usize;
         Self {
             sky,
-            from_sky: plan.storage("pixel sky", bytes),
-            open: plan.storage("open light", bytes),
-            seen: plan.storage("seen samples", bytes),
-            sampled: plan.storage("all samples", bytes),
+            from_sky: plan.array("pixel sky", count),
+            open: plan.array("open light", count),
+            seen: plan.array("seen samples", count),
+            sampled: plan.array("all samples", count),
             size,
             sub_frames,
             direct: settings.direct,
@@ -72,22 +79,21 @@ impl SmoothLight {
         indirect: &Indirect,
         band: Band,
     ) -> Result<SmoothPasses, ExecutorError> {
-        let points = buffers.points_of(band);
-        let rgb = |buffer: BufferId| band.of::<Rgb>(buffer);
+        let points = band.of(buffers.points);
         indirect.with_values(self.sky).add_to(plan, scene, buffers, self.from_sky, band)?;
-        let own = [points, ("from_sky", rgb(self.from_sky)), ("irradiance", rgb(buffers.direct))];
         let direct = DirectParams { count: band.count, first: band.first, ..self.direct };
-        let sharp = scene.sharp_light(plan, "shade", &own, &direct)?;
-        let own = [
-            buffers.hits_of(band),
-            buffers.albedo_of(band),
+        let from_sky = band.of(self.from_sky);
+        let sharp = scene.sharp_light(plan, "shade", points, from_sky, band.of(buffers.direct), &direct)?;
+        let pixels = LargeLight {
+            hits: band.of(buffers.hits),
+            albedo: band.of(buffers.albedo),
             points,
-            ("open", rgb(self.open)),
-            ("seen", rgb(self.seen)),
-            ("sampled", rgb(self.sampled)),
-        ];
+            open: band.of(self.open),
+            seen: band.of(self.seen),
+            sampled: band.of(self.sampled),
+        };
         let params = LargeParams { count: band.count, first: band.first, ..LargeParams::default() };
-        let large = scene.large_light(plan, "shade", &own, &params)?;
+        let large = scene.large_light(plan, "shade", &pixels, &params)?;
         Ok(SmoothPasses { sharp, large })
     }
 
@@ -100,17 +106,17 @@ impl SmoothLight {
         plan: &mut Plan,
         buffers: &PixelBuffers,
         band: Band,
-        (full, direct): (BufferId, BufferId),
+        (full, direct): (Slice<Rgb>, Slice<Rgb>),
     ) -> Result<PassId, ExecutorError> {
         let about = band.with_pixels_about(self.size);
-        let own = [
-            ("points", about.of::<SurfacePoint>(buffers.points)),
-            ("open", about.of::<Rgb>(self.open)),
-            ("seen", about.of::<Rgb>(self.seen)),
-            ("sampled", about.of::<Rgb>(self.sampled)),
-            ("full", band.of::<Rgb>(full)),
-            ("direct", band.of::<Rgb>(direct)),
-        ];
+        let pass = AddLargeLightPass {
+            points: about.of(buffers.points),
+            open: about.of(self.open),
+            seen: about.of(self.seen),
+            sampled: about.of(self.sampled),
+            full: band.of(full),
+            direct: band.of(direct),
+        };
         let samples = (self.direct.area_rays * self.sub_frames) as f32;
         let params = ShareParams {
             count: band.count,
@@ -122,7 +128,7 @@ impl SmoothLight {
             tolerance: TOLERANCE / samples,
             reserved: 0,
         };
-        add_large_light(plan, "shade", &own, &params)
+        Ok(plan.add("shade", &pass, &params)?)
     }
 
     /// The camera with the positions of these sub-frames.
@@ -135,7 +141,7 @@ impl SmoothLight {
     /// # Errors
     /// What the device says.
     pub fn clear(&self, executor: &mut dyn Executor) -> Result<(), ExecutorError> {
-        [self.open, self.seen, self.sampled].into_iter().try_for_each(|buffer| executor.clear(buffer))
+        [self.open, self.seen, self.sampled].into_iter().try_for_each(|sum| executor.clear(sum.buffer))
     }
 
     /// Makes the passes of a band of a sub-frame ready for a picture by the camera of [`Self::camera`].

@@ -1,14 +1,13 @@
 //! First exitance E of the elements from their samples, and of the patches from their elements, W/m².
 
 use glam::Vec4;
+use gpu_kernels::formfactor::AssembleSourcePass;
 use gpu_kernels::params::CountParams;
-use gpu_kernels::table;
+use gpu_kernels::transport::GatherCsrPass;
 use runtime::executor::ExecutorError;
-use runtime::plan::{BufferId, PassId, Range};
-use runtime::recipe::add_pass;
-use runtime::recipe::formfactor::assemble_source;
-use scene::Lighting;
+use runtime::plan::{PassId, Slice};
 use scene::kernel::bvh::FAR;
+use scene::{Lighting, Rgb};
 
 use super::direct::DirectLight;
 use crate::bake::Bake;
@@ -20,9 +19,9 @@ pub struct Source {
     /// Elements, then patches.
     pub passes: [PassId; 2],
     /// Light of a constant sky reflected by elements, W/m².
-    pub emission: BufferId,
+    pub emission: Slice<Rgb>,
     /// Albedo of the samples.
-    pub point_albedo: BufferId,
+    pub point_albedo: Slice<Rgb>,
 }
 
 /// Adds the passes.
@@ -35,29 +34,28 @@ pub fn add(frame: &mut FramePlan, direct: &DirectLight) -> Result<Source, Execut
     let tables = &mut frame.tables;
     let elements = mesh.elements.len();
     let point_albedo = tables.part(plan, "point albedo", mesh, |mesh| &mesh.point_albedo);
-    let emission = plan.storage("emission", (elements * size_of::<Vec4>()) as u64);
-    let own = [
-        ("points", direct.points),
-        ("offsets", tables.part(plan, "offsets", mesh, |mesh| &mesh.offsets)),
-        ("direct", Range::from(direct.irradiance)),
-        ("albedo", point_albedo),
-        ("emission", Range::from(emission)),
-        ("source", frame.elements.source),
-    ];
-    let of_elements = assemble_source(plan, "gather", &own, frame.elements.count)?;
+    let emission = plan.array("emission", elements);
+    let assemble = AssembleSourcePass {
+        points: direct.points,
+        offsets: tables.part(plan, "offsets", mesh, |mesh| &mesh.offsets),
+        direct: direct.irradiance,
+        albedo: point_albedo,
+        emission,
+        source: frame.elements.source,
+    };
+    let of_elements = plan.add("gather", &assemble, &CountParams { count: frame.elements.count })?;
 
     // A patch has the mean of its elements by area.
     let numbers: Vec<u32> = (0..elements as u32).collect();
-    let own = [
-        ("row_start", tables.part(plan, "patch elements", mesh, |mesh| &mesh.patch_elements)),
-        ("columns", tables.owned(plan, "element numbers", numbers)),
-        ("values", tables.owned(plan, "element shares", mesh.element_shares())),
-        ("exitance", frame.elements.source),
-        ("irradiance", frame.patches.source),
-    ];
-    let count = CountParams { count: frame.patches.count };
-    let of_patches = add_pass(plan, "gather", &table::FORMFACTOR_GATHER_CSR, &own, &[], &count, count.count)?;
-    Ok(Source { passes: [of_elements, of_patches], emission, point_albedo: point_albedo.buffer })
+    let mean = GatherCsrPass {
+        row_start: tables.part(plan, "patch elements", mesh, |mesh| &mesh.patch_elements),
+        columns: tables.owned(plan, "element numbers", numbers),
+        values: tables.owned(plan, "element shares", mesh.element_shares()),
+        exitance: frame.elements.source,
+        irradiance: frame.patches.source,
+    };
+    let of_patches = plan.add("gather", &mean, &CountParams { count: frame.patches.count })?;
+    Ok(Source { passes: [of_elements, of_patches], emission, point_albedo })
 }
 
 /// First exitance that a constant sky gives each element: `ρ π L s`, with its albedo ρ and the share s of its

@@ -2,15 +2,15 @@
 //! behind these. The others keep what an earlier light gave them until they come into view, and are exact then: nothing
 //! of an irradiance depends on that of the frame before.
 
-use formfactor::kernel::view::{is_needed, needed};
+use gpu_kernels::transport::MarkPixelsPass;
 use runtime::executor::{Executor, ExecutorError};
-use runtime::plan::{BufferId, PassId, Range};
-use runtime::recipe::formfactor::{ViewPass, ViewRows, mark_pixels};
+use runtime::plan::{BufferId, PassId, Slice};
+use runtime::recipe::formfactor::{ViewPass, ViewRows};
 use runtime::recipe::patches::WeightPass;
-use runtime::recipe::rgb_bytes;
 use runtime::recipe::scene::SceneTables;
 use scene::Camera;
-use transport::QUADRANTS;
+use transport::kernel::view::{is_needed, needed};
+use transport::{QUADRANTS, ViewParams};
 
 use super::gather::ReceiverTables;
 use super::shade::{Indirect, Shade};
@@ -33,31 +33,22 @@ pub struct View {
     weights: [WeightPass; 2],
     /// Buffers that begin as zeros.
     cleared: Vec<BufferId>,
-    points: BufferId,
-    received: BufferId,
+    points: Slice<u32>,
+    received: Slice<u32>,
     camera: Option<Camera>,
     view: u32,
     light: u32,
 }
 
-/// Marks of rows, and for which light each row was computed.
-#[derive(Clone, Copy)]
-struct Rows {
-    marks: BufferId,
-    computed: BufferId,
+/// Tables of so many rows.
+fn new_rows(frame: &mut FramePlan, count: usize) -> ViewRows {
+    let plan = &mut frame.plan;
+    ViewRows { marks: plan.array("marks", count), computed: plan.array("computed", count) }
 }
 
-impl Rows {
-    fn new(frame: &mut FramePlan, count: usize) -> Self {
-        let mut table = |name: &str| frame.plan.storage(name, 4 * count as u64);
-        Self { marks: table("marks"), computed: table("computed") }
-    }
-
-    /// `count` rows from the first on.
-    fn part(&self, first: usize, count: usize) -> ViewRows {
-        let range = |buffer: BufferId| buffer.range(4 * first as u64, 4 * count as u64);
-        ViewRows { marks: range(self.marks), computed: range(self.computed) }
-    }
+/// `count` rows from the first on.
+fn part(rows: ViewRows, first: usize, count: usize) -> ViewRows {
+    ViewRows { marks: rows.marks.part(first, count), computed: rows.computed.part(first, count) }
 }
 
 /// Adds the passes, behind the primary rays of every sub-frame, which say what is in view; none without tables, and
@@ -77,38 +68,43 @@ pub fn add(
     let count = receivers.points.len();
     let first_smooth = receivers.first_smooth();
     let point_count = receivers.interpolation.points.len();
-    let points = Rows::new(frame, point_count);
-    let received = Rows::new(frame, first_smooth + count);
-    let quadrants = received.part(0, QUADRANTS * count);
-    let smooth = received.part(first_smooth, count);
-    let quadrant_values = frame.received.range(0, rgb_bytes(QUADRANTS * count));
-    let smooth_values = frame.received.range(rgb_bytes(first_smooth), rgb_bytes(count));
+    let points = new_rows(frame, point_count);
+    let received = new_rows(frame, first_smooth + count);
+    let quadrants = part(received, 0, QUADRANTS * count);
+    let smooth = part(received, first_smooth, count);
+    let quadrant_values = frame.received.part(0, QUADRANTS * count);
+    let smooth_values = frame.received.part(first_smooth, count);
     let range = frame.binding_bytes();
-    let exitance = frame.elements.exitance.buffer;
+    let exitance = frame.elements.exitance;
     let plan = &mut frame.plan;
 
     let mut of_bands = Vec::new();
+    let Indirect::Interpolation { grids, receiver_cells, vertices, .. } = *indirect else { return Ok(None) };
     for &band in shade.bands() {
-        let pixels = &shade.pixels;
-        let mut seen = vec![pixels.hits_of(band), pixels.points_of(band), ("marks", Range::from(points.marks))];
-        seen.extend(indirect.mesh());
-        seen.extend(scene.bindings().iter().filter(|(name, _)| *name == "triangles"));
-        of_bands.push(mark_pixels(plan, MARK, &seen, band.count)?);
+        let mark = MarkPixelsPass {
+            hits: band.of(shade.pixels.hits),
+            points: band.of(shade.pixels.points),
+            triangles: scene.geometry.triangles,
+            grids,
+            receiver_cells,
+            vertices,
+            marks: points.marks,
+        };
+        let params = ViewParams { count: band.count, ..ViewParams::default() };
+        of_bands.push(ViewPass { pass: plan.add(MARK, &mark, &params)?, params });
     }
     let mark_receivers = [
         tables.weights.mark(plan, MARK, points.marks, received.marks)?,
         tables.smoothing.mark(plan, MARK, smooth.marks, quadrants.marks)?,
     ];
-    let of_quadrants = (received.marks, received.computed);
-    let gathers = rows.gather_view(plan, PASS, range, exitance, frame.received, of_quadrants)?;
-    let all_points = points.part(0, point_count);
+    let gathers = rows.gather_view(plan, PASS, range, exitance, frame.received, received)?;
     let weights = [
         tables.smoothing.weigh_view(plan, PASS, quadrant_values, smooth_values, smooth)?,
-        tables.weights.weigh_view(plan, PASS, frame.received, frame.interpolated, all_points)?,
+        tables.weights.weigh_view(plan, PASS, frame.received, frame.interpolated, points)?,
     ];
 
-    let cleared =
-        vec![points.marks, points.computed, received.marks, received.computed, frame.received, frame.interpolated];
+    let marks = [points.marks, points.computed, received.marks, received.computed].map(|table| table.buffer);
+    let cleared = [&marks[..], &[frame.received.buffer, frame.interpolated.buffer]].concat();
     let points = points.marks;
     let received = received.marks;
     let view = View {
@@ -163,10 +159,10 @@ impl View {
         executor: &mut (dyn Executor + 'static),
         receivers: usize,
     ) -> Result<(usize, usize), ExecutorError> {
-        let marks: Vec<u32> = executor.download_table(self.received)?;
+        let marks = executor.download_table(self.received)?;
         let in_view = |marks: &[u32]| marks.iter().any(|&mark| is_needed(mark, self.view));
         let count = marks[..QUADRANTS * receivers].chunks(QUADRANTS).filter(|quadrants| in_view(quadrants)).count();
-        let points: Vec<u32> = executor.download_table(self.points)?;
+        let points = executor.download_table(self.points)?;
         Ok((count, points.iter().filter(|&&mark| is_needed(mark, self.view)).count()))
     }
 

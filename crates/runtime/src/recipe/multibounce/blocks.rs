@@ -5,14 +5,18 @@ use std::sync::Arc;
 
 use bytemuck::cast_slice;
 use glam::{UVec2, UVec4, Vec4};
-use gpu_kernels::table::{self, ImageFormat, Kernel};
+use gpu_kernels::multibounce::{
+    BlocksGatherBc1Pass, BlocksGatherBc3Pass, BlocksGatherBc6hPass, BlocksGatherBc7Pass, BlocksGatherImagePass,
+};
+use gpu_kernels::table::ImageFormat;
 use multibounce::kernel::blocks::{BLOCK, NO_ELEMENT};
 use multibounce::{BlockCodec, BlockMatrix, BlockParams};
+use scene::Rgb;
 
-use super::reorder;
+use super::Order;
 use crate::executor::ExecutorError;
-use crate::plan::{BufferId, Plan, RANGE_ALIGNMENT, Range};
-use crate::recipe::{Named, Table, Tables, add_pass, rgb_bytes, row_blocks, row_step};
+use crate::plan::{BufferId, PassId, Plan, RANGE_ALIGNMENT, Slice};
+use crate::recipe::{Table, Tables, row_blocks, row_step};
 
 /// Decoder of texture blocks.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -30,24 +34,46 @@ pub enum Decoder {
 #[derive(Clone, Debug)]
 pub struct BlockTables {
     matrix: Arc<BlockMatrix>,
-    kernel: &'static Kernel,
     /// Patch at each permuted index of the blocks, with factors of 1.
-    order: [Range; 2],
+    order: Order,
     /// Permuted index of each patch, with the scale of its row.
-    permuted_index: [Range; 2],
+    permuted_index: Order,
     parts: Vec<Part>,
-    tables: [Named; 2],
-    ordered: BufferId,
-    sums: BufferId,
+    tile_scales: Slice<Vec4>,
+    row_start: Slice<u32>,
+    ordered: Slice<Rgb>,
+    sums: Slice<Rgb>,
 }
 
 /// Some of the rows of blocks, and what a pass over them binds.
 #[derive(Clone, Debug)]
 struct Part {
     rows: ops::Range<usize>,
-    words: Range,
-    outliers: Range,
+    blocks: Blocks,
+    outliers: Slice<UVec2>,
     first_outlier: u32,
+}
+
+/// Blocks of some rows, by their decoder and codec.
+#[derive(Clone, Copy, Debug)]
+enum Blocks {
+    Image(BufferId),
+    Bc1(Slice<UVec2>),
+    Bc3(Slice<UVec4>),
+    Bc6h(Slice<UVec4>),
+    Bc7(Slice<UVec4>),
+}
+
+impl Blocks {
+    /// So many blocks of a buffer from number `first` on.
+    fn part(codec: BlockCodec, buffer: BufferId, first: usize, count: usize) -> Self {
+        match codec {
+            BlockCodec::Bc1 => Self::Bc1(buffer.of().part(first, count)),
+            BlockCodec::Bc3 => Self::Bc3(buffer.of().part(first, count)),
+            BlockCodec::Bc6h => Self::Bc6h(buffer.of().part(first, count)),
+            BlockCodec::Bc7 => Self::Bc7(buffer.of().part(first, count)),
+        }
+    }
 }
 
 /// Words of some rows of blocks: the contents of an image.
@@ -68,21 +94,19 @@ impl BlockTables {
         let padded_rows = matrix.block_count() * BLOCK as usize;
         let mut order = matrix.permutation().order().to_vec();
         order.resize(padded_rows, NO_ELEMENT);
+        let order = tables.owned(plan, "block order", order);
+        let ones = tables.owned(plan, "ones", vec![Vec4::ONE; padded_rows]);
+        let indices = tables.part(plan, "block indices", matrix, |m| m.permutation().place());
+        let row_scales = tables.part(plan, "row scales", matrix, |m| m.row_scales());
         Self {
             matrix: Arc::clone(matrix),
-            kernel: kernel(decoder, matrix.settings().codec),
-            order: [tables.owned(plan, "block order", order), tables.owned(plan, "ones", vec![Vec4::ONE; padded_rows])],
-            permuted_index: [
-                tables.part(plan, "block indices", matrix, |m| m.permutation().place()),
-                tables.part(plan, "row scales", matrix, |m| m.row_scales()),
-            ],
+            order: Order::new(order, ones, padded_rows),
+            permuted_index: Order::new(indices, row_scales, matrix.len()),
             parts: Parts::new(matrix, range, decoder).add(plan, tables),
-            tables: [
-                tables.named_part(plan, "tile_scales", matrix, |m| m.scales()),
-                tables.named_part(plan, "row_start", matrix, |m| &m.outliers().start),
-            ],
-            ordered: plan.storage("ordered", rgb_bytes(padded_rows)),
-            sums: plan.storage("rows", rgb_bytes(padded_rows)),
+            tile_scales: tables.part(plan, "tile_scales", matrix, |m| m.scales()),
+            row_start: tables.part(plan, "row_start", matrix, |m| &m.outliers().start),
+            ordered: plan.array("ordered", padded_rows),
+            sums: plan.array("rows", padded_rows),
         }
     }
 
@@ -94,35 +118,45 @@ impl BlockTables {
         &self,
         plan: &mut Plan,
         pass: &str,
-        exitance: BufferId,
-        irradiance: BufferId,
+        exitance: Slice<Rgb>,
+        irradiance: Slice<Rgb>,
     ) -> Result<(), ExecutorError> {
-        let padded_rows = (self.matrix.block_count() * BLOCK as usize) as u32;
-        reorder(plan, pass, self.order[0], self.order[1], exitance, self.ordered, padded_rows)?;
+        self.order.add(plan, pass, exitance, self.ordered)?;
         for part in &self.parts {
-            let own = [
-                ("blocks", part.words),
-                ("outliers", part.outliers),
-                ("exitance", self.ordered.into()),
-                ("irradiance", self.sums.into()),
-            ];
-            let params = self.matrix.params(part.rows.start as u32, part.rows.len() as u32);
-            let push = BlockParams { first_outlier: part.first_outlier, ..params };
-            add_pass(plan, pass, self.kernel, &own, &self.tables, &push, push.block_rows)?;
+            self.add_part(plan, pass, part)?;
         }
-        let patches = self.matrix.len() as u32;
-        reorder(plan, pass, self.permuted_index[0], self.permuted_index[1], self.sums, irradiance, patches)?;
+        self.permuted_index.add(plan, pass, self.sums, irradiance)?;
         Ok(())
     }
-}
 
-fn kernel(decoder: Decoder, codec: BlockCodec) -> &'static Kernel {
-    match (decoder, codec) {
-        (Decoder::Texture { .. }, _) => &table::MULTIBOUNCE_BLOCKS_GATHER_IMAGE,
-        (_, BlockCodec::Bc1) => &table::MULTIBOUNCE_BLOCKS_GATHER_BC1,
-        (_, BlockCodec::Bc3) => &table::MULTIBOUNCE_BLOCKS_GATHER_BC3,
-        (_, BlockCodec::Bc6h) => &table::MULTIBOUNCE_BLOCKS_GATHER_BC6H,
-        (_, BlockCodec::Bc7) => &table::MULTIBOUNCE_BLOCKS_GATHER_BC7,
+    /// Adds the pass of some rows of blocks.
+    fn add_part(&self, plan: &mut Plan, pass: &str, part: &Part) -> Result<PassId, ExecutorError> {
+        let params = self.matrix.params(part.rows.start as u32, part.rows.len() as u32);
+        let push = BlockParams { first_outlier: part.first_outlier, ..params };
+        let Self { tile_scales, row_start, ordered: exitance, sums: irradiance, .. } = *self;
+        let outliers = part.outliers;
+        Ok(match part.blocks {
+            Blocks::Image(blocks) => {
+                let bound = BlocksGatherImagePass { blocks, tile_scales, row_start, outliers, exitance, irradiance };
+                plan.add(pass, &bound, &push)?
+            }
+            Blocks::Bc1(blocks) => {
+                let bound = BlocksGatherBc1Pass { blocks, tile_scales, row_start, outliers, exitance, irradiance };
+                plan.add(pass, &bound, &push)?
+            }
+            Blocks::Bc3(blocks) => {
+                let bound = BlocksGatherBc3Pass { blocks, tile_scales, row_start, outliers, exitance, irradiance };
+                plan.add(pass, &bound, &push)?
+            }
+            Blocks::Bc6h(blocks) => {
+                let bound = BlocksGatherBc6hPass { blocks, tile_scales, row_start, outliers, exitance, irradiance };
+                plan.add(pass, &bound, &push)?
+            }
+            Blocks::Bc7(blocks) => {
+                let bound = BlocksGatherBc7Pass { blocks, tile_scales, row_start, outliers, exitance, irradiance };
+                plan.add(pass, &bound, &push)?
+            }
+        })
     }
 }
 
@@ -163,27 +197,26 @@ impl<'a> Parts<'a> {
     }
 
     fn add(&self, plan: &mut Plan, tables: &mut Tables) -> Vec<Part> {
-        let outliers = tables.part(plan, "outliers", self.matrix, |m| &m.outliers().entries).buffer;
+        let outliers = tables.part(plan, "outliers", self.matrix, |m| &m.outliers().entries);
         let whole = match self.decoder {
             Decoder::Texture { .. } => None,
             Decoder::Kernel => Some(tables.part(plan, "blocks", self.matrix, |m| m.words()).buffer),
         };
+        let columns = self.matrix.block_count();
+        let codec = self.matrix.settings().codec;
         let mut parts = Vec::new();
         for rows in self.rows() {
-            let words = match whole {
-                Some(whole) => whole.range((rows.start * self.row_bytes) as u64, (rows.len() * self.row_bytes) as u64),
-                None => self.image(plan, tables, &rows),
+            let blocks = match whole {
+                Some(whole) => Blocks::part(codec, whole, rows.start * columns, rows.len() * columns),
+                None => Blocks::Image(self.image(plan, tables, &rows)),
             };
             let span = self.outliers(rows.start, rows.end);
             // Rows without outliers read none; something is bound nevertheless.
             let (bound, first_outlier) = match span.first == span.end {
-                true => (outliers.range(0, OUTLIER_BYTES), span.first),
-                false => {
-                    let bytes = (span.end - span.aligned) * OUTLIER_BYTES;
-                    (outliers.range(span.aligned * OUTLIER_BYTES, bytes), span.aligned)
-                }
+                true => (outliers.part(0, 1), span.first),
+                false => (outliers.part(span.aligned as usize, (span.end - span.aligned) as usize), span.aligned),
             };
-            parts.push(Part { rows, words, outliers: bound, first_outlier: first_outlier as u32 });
+            parts.push(Part { rows, blocks, outliers: bound, first_outlier: first_outlier as u32 });
         }
         parts
     }
@@ -209,12 +242,12 @@ impl<'a> Parts<'a> {
     }
 
     /// An image of some rows of blocks.
-    fn image(&self, plan: &mut Plan, tables: &mut Tables, rows: &ops::Range<usize>) -> Range {
+    fn image(&self, plan: &mut Plan, tables: &mut Tables, rows: &ops::Range<usize>) -> BufferId {
         let width = self.matrix.block_count() as u32 * BLOCK;
         let height = rows.len() as u32 * BLOCK;
         let image = plan.image("blocks", self.format, width, height);
         let bytes = rows.start * self.row_bytes..rows.end * self.row_bytes;
         tables.fill(image, Arc::new(BlockRows { matrix: Arc::clone(self.matrix), bytes }));
-        image.into()
+        image
     }
 }

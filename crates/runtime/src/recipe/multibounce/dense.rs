@@ -4,14 +4,15 @@ use std::sync::Arc;
 
 use bytemuck::cast_slice;
 use formfactor::{Dense, GatherParams, Half};
-use glam::Vec4;
-use gpu_kernels::table::Kernel;
+use glam::{UVec2, Vec4};
+use gpu_kernels::transport::{GatherHalfPass, GatherPass};
 use multibounce::kernel::blocks::NO_ELEMENT;
+use scene::Rgb;
 
-use super::{DENSE, HALF, reorder};
+use super::Order;
 use crate::executor::ExecutorError;
-use crate::plan::{BufferId, Plan, Range};
-use crate::recipe::{Table, Tables, add_pass, rgb_bytes, row_blocks, row_step};
+use crate::plan::{Plan, Slice};
+use crate::recipe::{Table, Tables, row_blocks, row_step};
 
 /// Columns of dense operators of n patches: three channels, whole vectors of four.
 pub fn planar_columns(n: usize) -> usize {
@@ -27,15 +28,20 @@ pub fn planar(n: usize) -> impl Iterator<Item = Option<(usize, usize)>> {
 /// A dense operator on the device. Its rows are `[red | green | blue | zeros]`, for planar RGB.
 #[derive(Clone, Debug)]
 pub struct DenseTables {
-    kernel: &'static Kernel,
     /// Brings the channels into planes.
-    order: Range,
-    scale: Range,
-    planes: BufferId,
-    factors: BufferId,
+    order: Order,
+    planes: Slice<Rgb>,
+    factors: Factors,
     rows: usize,
-    columns: usize,
-    row_bytes: u64,
+    /// Vectors of four entries of a row.
+    vectors: usize,
+}
+
+/// Entries in vectors of four.
+#[derive(Clone, Copy, Debug)]
+enum Factors {
+    Single(Slice<Vec4>),
+    Half(Slice<UVec2>),
 }
 
 /// Entries in single precision as bytes.
@@ -59,34 +65,28 @@ impl Table for HalfBytes {
 impl DenseTables {
     /// An operator in single precision.
     pub fn new(plan: &mut Plan, tables: &mut Tables, operator: &Arc<Dense>) -> Self {
-        Self::with(plan, tables, operator.rows, Arc::new(DenseBytes(Arc::clone(operator))), DENSE)
+        let entries = tables.add(plan, "operator", Arc::new(DenseBytes(Arc::clone(operator))));
+        Self::with(plan, tables, operator.rows, Factors::Single(entries.of()))
     }
 
     /// An operator in half precision.
     pub fn half(plan: &mut Plan, tables: &mut Tables, operator: &Arc<Half>) -> Self {
-        Self::with(plan, tables, operator.rows, Arc::new(HalfBytes(Arc::clone(operator))), HALF)
+        let entries = tables.add(plan, "operator", Arc::new(HalfBytes(Arc::clone(operator))));
+        Self::with(plan, tables, operator.rows, Factors::Half(entries.of()))
     }
 
-    fn with(
-        plan: &mut Plan,
-        tables: &mut Tables,
-        rows: usize,
-        entries: Arc<dyn Table>,
-        kernel: &'static Kernel,
-    ) -> Self {
+    fn with(plan: &mut Plan, tables: &mut Tables, rows: usize, factors: Factors) -> Self {
         let order: Vec<u32> = planar(rows).map(|at| at.map_or(NO_ELEMENT, |(j, _)| j as u32)).collect();
         let scale: Vec<Vec4> = planar(rows).map(|at| at.map_or(Vec4::ZERO, |(_, c)| Vec4::AXES[c])).collect();
         let columns = order.len();
-        let row_bytes = (entries.bytes().len() / rows.max(1)) as u64;
+        let order = tables.owned(plan, "channel order", order);
+        let scale = tables.owned(plan, "channel scale", scale);
         Self {
-            kernel,
-            order: tables.owned(plan, "channel order", order),
-            scale: tables.owned(plan, "channel scale", scale),
-            planes: plan.storage("channels", rgb_bytes(columns)),
-            factors: tables.add(plan, "operator", entries).buffer,
+            order: Order::new(order, scale, columns),
+            planes: plan.array("channels", columns),
+            factors,
             rows,
-            columns,
-            row_bytes,
+            vectors: columns / 4,
         }
     }
 
@@ -99,21 +99,36 @@ impl DenseTables {
         plan: &mut Plan,
         pass: &str,
         range: u64,
-        exitance: BufferId,
-        irradiance: BufferId,
+        exitance: Slice<Rgb>,
+        irradiance: Slice<Rgb>,
     ) -> Result<(), ExecutorError> {
-        reorder(plan, pass, self.order, self.scale, exitance, self.planes, self.columns as u32)?;
-        let fits = |first: usize, end: usize| (end - first) as u64 * self.row_bytes <= range;
-        for rows in row_blocks(self.rows, row_step(self.row_bytes), fits) {
-            let part = self.factors.range(rows.start as u64 * self.row_bytes, rows.len() as u64 * self.row_bytes);
-            let own = [("factors", part), ("exitance", self.planes.into()), ("irradiance", irradiance.into())];
+        self.order.add(plan, pass, exitance, self.planes)?;
+        let vector_bytes = match self.factors {
+            Factors::Single(_) => size_of::<Vec4>(),
+            Factors::Half(_) => size_of::<UVec2>(),
+        };
+        let row_bytes = (self.vectors * vector_bytes) as u64;
+        let fits = |first: usize, end: usize| (end - first) as u64 * row_bytes <= range;
+        let exitance = self.planes;
+        for rows in row_blocks(self.rows, row_step(row_bytes), fits) {
             let push = GatherParams {
                 rows: rows.len() as u32,
-                vectors: self.columns as u32 / 4,
+                vectors: self.vectors as u32,
                 first_row: rows.start as u32,
                 reserved: 0,
             };
-            add_pass(plan, pass, self.kernel, &own, &[], &push, push.rows)?;
+            let first = rows.start * self.vectors;
+            let count = rows.len() * self.vectors;
+            match self.factors {
+                Factors::Single(all) => {
+                    let factors = all.part(first, count);
+                    plan.add(pass, &GatherPass { factors, exitance, irradiance }, &push)?;
+                }
+                Factors::Half(all) => {
+                    let factors = all.part(first, count);
+                    plan.add(pass, &GatherHalfPass { factors, exitance, irradiance }, &push)?;
+                }
+            }
         }
         Ok(())
     }

@@ -6,7 +6,7 @@ use core::ops::Range;
 
 use glam::Vec3;
 
-use crate::types::{BvhNode, Triangle};
+use crate::gpu::{BvhNode, Triangle};
 
 /// Triangles of a leaf at most: a packet of the host.
 const LEAF: usize = 4;

@@ -17,7 +17,7 @@ use shell::device::open;
 
 use super::View;
 use super::field::{Between, PatchMethod};
-use crate::bench::load;
+use crate::bench::setup::load;
 use crate::error::Error;
 use crate::probes::DeviceDdgi;
 use crate::progress::{Progress, interruptible};
@@ -128,7 +128,7 @@ impl<'a> OwnPatches<'a> {
             }
         };
         let build_s = bake_s + start.elapsed().as_secs_f64();
-        Ok(Self { view, method, label, renderer, build_s, patches: bake.mesh.patches.len() })
+        Ok(Self { view, method, label, renderer, build_s, patches: bake.mesh().patches.len() })
     }
 }
 
@@ -461,8 +461,8 @@ impl<'a> Paths<'a> {
         // A few paths do not pay for learning where the sun matters.
         let settings = PathSettings { seed, strategy: Strategy::ShadowRays, ..PathSettings::default() };
         let mut sums = Accumulation::new(&self.view.camera, settings);
-        let go_on = |_, _| ControlFlow::Continue(());
-        PathTracer::new(&self.scene).accumulate(&self.view.camera, &mut sums, self.samples, go_on)?;
+        let ignore_progress = |_, _| ControlFlow::Continue(());
+        PathTracer::new(&self.scene).accumulate(&self.view.camera, &mut sums, self.samples, ignore_progress)?;
         let indirect = sums.indirect();
         match &self.denoiser {
             Some(denoiser) => denoiser.denoise(&indirect, self.samples),

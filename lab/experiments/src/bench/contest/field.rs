@@ -186,7 +186,7 @@ impl<'a> Field<'a> {
 
     /// Contenders that need a bake: [`PatchMethod::usual`].
     pub fn patches(&self) -> Result<Contenders<'a>, Error> {
-        self.with_patches(&PatchMethod::usual(self.bake.mesh.patches.len(), self.view.common.seed))
+        self.with_patches(&PatchMethod::usual(self.bake.mesh().patches.len(), self.view.common.seed))
     }
 
     /// Some methods of patches.
@@ -203,8 +203,8 @@ impl<'a> Field<'a> {
         let View { common, args, loaded, .. } = *self.view;
         let settings = self
             .bake
-            .settings
-            .with_patch_count((self.bake.mesh.patches.len() / FEWER_PATCHES).max(1))
+            .settings()
+            .with_patch_count((self.bake.mesh().patches.len() / FEWER_PATCHES).max(1))
             .with_estimator(Estimator::Hemisphere { rays: (args.rays / FEWER_RAYS).max(1) })
             .with_receiver_rays((args.receiver_rays() / FEWER_RAYS).max(1));
         let start = Instant::now();
@@ -221,11 +221,11 @@ impl<'a> Field<'a> {
     fn hierarchical(&self) -> Result<Result<Box<dyn Contender + 'a>, String>, Error> {
         let scene = &self.view.loaded.scene;
         let triangles = scene.geometry.triangles.len();
-        let patches = self.bake.mesh.patches.len();
+        let patches = self.bake.mesh().patches.len();
         if triangles > MAX_POLYGONS * patches {
             return Ok(Err(format!("hierarchical radiosity, whose patches are parts of the {triangles} triangles")));
         }
-        let settings = self.bake.settings.with_patches(PatchKind::Polygon);
+        let settings = self.bake.settings().with_patches(PatchKind::Polygon);
         let start = Instant::now();
         let bake = Arc::new(Bake::build(scene, &settings, self.progress)?);
         let method =
@@ -236,7 +236,7 @@ impl<'a> Field<'a> {
     /// As many faces as there are patches.
     fn voxel_proxy(&self) -> Result<Box<dyn Contender + 'a>, Error> {
         let View { common, args, .. } = *self.view;
-        let patch_count = self.bake.mesh.patches.len();
+        let patch_count = self.bake.mesh().patches.len();
         let settings = ProxySettings { patch_count, rays: args.rays, point_rays: PROXY_RAYS, seed: common.seed };
         Ok(Box::new(Volumetric::voxel_proxy(self.view, settings, self.progress)?))
     }

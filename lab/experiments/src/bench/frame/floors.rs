@@ -60,18 +60,18 @@ pub fn work(
     receivers: ReceiverUpdate,
     (found, points): (usize, usize),
 ) -> BTreeMap<&'static str, Work> {
-    let samples = bake.mesh.points.len() as u64;
+    let samples = bake.mesh().points.len() as u64;
     let shares = samples * lights as u64;
     let direct = Work {
         bytes: samples * (size_of::<SurfacePoint>() as u64 + 2 * RGB) + 2 * shares * size_of::<f32>() as u64,
         operations: shares * VALUE * 2,
     };
     let mut work = BTreeMap::from([("direct", direct)]);
-    let elements = match &bake.form_factors.element_rows {
+    let elements = match &bake.form_factors().element_rows {
         Some(rows) => of_hits(rows),
-        None => of_csr(&bake.form_factors.factors),
+        None => of_csr(&bake.form_factors().factors),
     };
-    let all = &bake.receivers;
+    let all = &bake.receivers();
     let share = |part: usize, of: usize| part as f64 / of.max(1) as f64;
     let receivers_share = share(found, all.points.len());
     let rows = of_hits(&all.rows).and(of_weights(&all.smoothing)).times(receivers_share);

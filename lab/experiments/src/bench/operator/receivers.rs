@@ -206,7 +206,7 @@ impl Receivers<'_> {
             compact_lights: greatest(&errors[1..]),
             compress_s: Some(compress_s),
             device_ms,
-            ..self.row(n, "tiles", tiles.bytes(), time)
+            ..self.row(n, "low_rank", tiles.bytes(), time)
         })
     }
 

@@ -115,7 +115,7 @@ impl Part {
 
 fn measure(subject: &Subject, whole: &[Vec4], clusters: usize, overlap: f32) -> Result<Row, Error> {
     let Subject { bake, factors, light, .. } = subject;
-    let patches = &bake.mesh.patches;
+    let patches = &bake.mesh().patches;
     let n = patches.len();
     let centre: Vec<Vec3> = patches.iter().map(|patch| patch.centroid).collect();
     let low = centre.iter().copied().fold(Vec3::MAX, Vec3::min);
@@ -171,7 +171,7 @@ fn measure(subject: &Subject, whole: &[Vec4], clusters: usize, overlap: f32) -> 
 /// Steps between a patch and its nearest like neighbour of another part: the difference of light over that of the
 /// matrix of all. Median and 95th percentile; 0 where no parts meet.
 fn steps(subject: &Subject, whole: &[Vec4], found: &[Vec4], part_of: &[usize]) -> (f64, f64) {
-    let patches = &subject.bake.mesh.patches;
+    let patches = &subject.bake.mesh().patches;
     let ratio = |patch: usize| {
         let right = luminance(whole[patch].truncate());
         (right > 0.0).then(|| f64::from(luminance(found[patch].truncate()) / right))

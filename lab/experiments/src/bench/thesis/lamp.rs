@@ -6,7 +6,8 @@ use std::sync::Arc;
 use cpu_time::ProcessTime;
 use glam::{Vec3, Vec4};
 use multibounce::Channels;
-use scene::{LIGHT_POINT, Light, Lighting, Scene, Sky};
+use scene::gpu::LIGHT_POINT;
+use scene::{Light, Lighting, Scene, Sky};
 use serde::Serialize;
 use temporal::{Distribution, Settings, State};
 
@@ -121,8 +122,8 @@ fn carry(study: &Study, subject: &Subject) -> Result<Carried, Error> {
             ..scene.lighting.clone()
         };
         let lit = Scene::under(Arc::clone(&scene.geometry), lighting).map_err(patchlight::Error::from)?;
-        let mut source = own_light(&lit, &subject.bake.mesh, 1, study.common.seed);
-        for (patch, e) in subject.bake.mesh.patches.iter().zip(&mut source) {
+        let mut source = own_light(&lit, subject.bake.mesh(), 1, study.common.seed);
+        for (patch, e) in subject.bake.mesh().patches.iter().zip(&mut source) {
             *e *= within(patch.centroid.distance(position) / (REACH * scene.diagonal()));
         }
         let exact = exact_product(Channels::Three(operators.each_ref()), &subject.factors.area, &source);
@@ -143,7 +144,7 @@ fn within(distance: f32) -> f32 {
 
 /// By samples of all rows: with a fixed weight of the frames before, and of the change of the light.
 fn sampled(study: &Study, subject: &Subject, carried: &Carried) -> Result<Vec<Row>, Error> {
-    let (tables, lists) = sampled_rows(&subject.bake.form_factors.factors)?;
+    let (tables, lists) = sampled_rows(&subject.bake.form_factors().factors)?;
     let seed = study.common.seed;
     Ok(vec![
         sample(subject, carried, format!("{SAMPLES} samples a row, w {WEIGHT}, as printed"), &tables, &printed(seed))?,
@@ -158,7 +159,7 @@ fn sample(
     rows: &impl Distribution,
     settings: &Settings,
 ) -> Result<Row, Error> {
-    let albedo = &subject.bake.mesh.albedo;
+    let albedo = &subject.bake.mesh().albedo;
     let mut state = State::new(albedo.len());
     let mut errors = Vec::new();
     let advance = |state: &mut State, source: &[Vec4]| {

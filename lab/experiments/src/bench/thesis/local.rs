@@ -117,7 +117,7 @@ fn points(shares: &[(f64, f64)], of: fn(&(f64, f64)) -> f64) -> Vec<(f64, f64)> 
 fn fly(study: &Study, subject: &Subject) -> Result<(Row, Vec<(f64, f64)>), Error> {
     let factors = &subject.factors;
     let light = &subject.light;
-    let n = subject.bake.mesh.patches.len();
+    let n = subject.bake.mesh().patches.len();
     let operators = subject.operators(None, study)?;
     let all = Channels::Three(operators.each_ref());
     let (whole_light, whole_s) = timed(|| Ok(exact_product(all, &factors.area, light)))?;
@@ -197,7 +197,7 @@ pub(super) struct Product {
 impl<'a> Flight<'a> {
     /// Without patches so far, with room for so many.
     pub fn new(subject: &'a Subject, slots: usize) -> Result<Self, Error> {
-        let slots = slots.min(subject.bake.mesh.patches.len());
+        let slots = slots.min(subject.bake.mesh().patches.len());
         Ok(Self {
             subject,
             rows: subject.rows(),
@@ -210,7 +210,7 @@ impl<'a> Flight<'a> {
 
     /// Patches near a place take the slots of those far from it, `budget` of them at most.
     pub fn change(&mut self, eye: Vec3, budget: usize) -> Result<Change, Error> {
-        let patches = &self.subject.bake.mesh.patches;
+        let patches = &self.subject.bake.mesh().patches;
         let distance: Vec<f32> = patches.iter().map(|patch| patch.centroid.distance(eye)).collect();
         let choice = choose(&distance, |patch| self.there.contains(&patch), self.slots, HYSTERESIS, budget);
         let entering = self.subject.entering(&choice.enter, &self.rows);
@@ -260,7 +260,7 @@ fn visible(study: &Study, subject: &Subject, camera: &Camera) -> HashSet<u32> {
     let scene = &study.loaded.scene;
     let patch = |pixel: u32| {
         let hit = primary_hit(&scene.tables(), camera, pixel, 0);
-        subject.bake.mesh.patch(scene, &hit, primary_direction(camera, pixel, 0))
+        subject.bake.mesh().patch(scene, &hit, primary_direction(camera, pixel, 0))
     };
     (0..camera.width * camera.height).map(patch).filter(|&patch| patch != NONE).collect()
 }

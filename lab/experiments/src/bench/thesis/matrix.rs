@@ -56,8 +56,8 @@ impl Subject {
             .with_receivers(ReceiverKind::Pixels)
             .with_seed(study.common.seed);
         let (bake, bake_s) = timed(|| Ok(Bake::build(scene, &settings, study.progress)?))?;
-        let factors = SymmetricFactors::new(&bake.mesh, &bake.form_factors.factors)?;
-        let light = own_light(scene, &bake.mesh, settings.sample_rays, settings.seed);
+        let factors = SymmetricFactors::new(bake.mesh(), &bake.form_factors().factors)?;
+        let light = own_light(scene, bake.mesh(), settings.sample_rays, settings.seed);
         Ok(Self { bake, factors, light, bake_s })
     }
 
@@ -76,7 +76,7 @@ impl Subject {
         let entering = |&patch: &u32| Entering {
             patch,
             area: self.factors.area[patch as usize],
-            albedo: self.bake.mesh.albedo[patch as usize].truncate(),
+            albedo: self.bake.mesh().albedo[patch as usize].truncate(),
             factors: &rows[patch as usize],
         };
         patches.iter().map(entering).collect()
@@ -84,7 +84,7 @@ impl Subject {
 
     /// The matrix of so many bounces, or of all.
     pub fn operators(&self, bounces: Option<u32>, study: &Study) -> Result<[Mat<f32>; 3], Error> {
-        Ok(self.factors.bounces(&self.bake.mesh.albedo, bounces, study.progress)?)
+        Ok(self.factors.bounces(&self.bake.mesh().albedo, bounces, study.progress)?)
     }
 }
 

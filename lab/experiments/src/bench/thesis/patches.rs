@@ -7,9 +7,9 @@ use reference::metrics::{compare_pictures, indirect_scale};
 use reference::{Picture, PictureFile as _, scale_to_stops};
 use serde::Serialize;
 
-use super::super::load;
 use super::super::truth::Truth;
 use super::{Outcome, Study, beside};
+use crate::bench::setup::load;
 use crate::error::Error;
 use crate::output;
 use crate::progress::interruptible;
@@ -78,16 +78,16 @@ fn measure(study: &Study, kind: PatchKind) -> Result<Outcome, Error> {
         let shown = PictureSettings::default().with_size(truth.size()).with_sub_frames(args.sub_frames);
         let mut renderer = load(common, &bake, &light, &shown, progress)?;
         let frame = interruptible(|| renderer.picture(&loaded.scene.lighting, &camera, 0))?;
-        let factors = &bake.form_factors.factors;
+        let factors = &bake.form_factors().factors;
         let sum = |i: usize| {
-            factors.row(i).map(|(_, f)| f).sum::<f32>() + bake.form_factors.sky_factor.get(i).unwrap_or(&0.0)
+            factors.row(i).map(|(_, f)| f).sum::<f32>() + bake.form_factors().sky_factor.get(i).unwrap_or(&0.0)
         };
         // Rows of elements are not patches'.
-        let is_of_patches = bake.form_factors.element_rows.is_none();
-        let row_sums = is_of_patches.then(|| extremes((0..bake.mesh.patches.len()).map(sum)));
+        let is_of_patches = bake.form_factors().element_rows.is_none();
+        let row_sums = is_of_patches.then(|| extremes((0..bake.mesh().patches.len()).map(sum)));
         let mut row = row(what, &frame.pictures.indirect, &truth)?;
         (row.patches, row.factor_bytes, row.row_sums) =
-            (bake.mesh.patches.len(), Some(bake.form_factors.factor_bytes()), row_sums);
+            (bake.mesh().patches.len(), Some(bake.form_factors().factor_bytes()), row_sums);
         rows.push(row);
         pictures.push(frame.pictures.indirect);
     }

@@ -46,9 +46,9 @@ pub(super) fn solvers(study: &Study) -> Result<Outcome, Error> {
         .with_receivers(ReceiverKind::Pixels)
         .with_seed(common.seed);
     let bake = Arc::new(Bake::build(&loaded.scene, &settings, progress)?);
-    let source = own_light(&loaded.scene, &bake.mesh, settings.sample_rays, settings.seed);
-    let patches = bake.mesh.patches.len();
-    let areas = bake.mesh.areas();
+    let source = own_light(&loaded.scene, bake.mesh(), settings.sample_rays, settings.seed);
+    let patches = bake.mesh().patches.len();
+    let areas = bake.mesh().areas();
     let exact = Solved::new(Solver::Lu, &bake)?.solution(&source)?.0.irradiance;
     let mut solvers = vec![
         ("elimination (2.4)".to_owned(), Solver::Lu),

@@ -8,9 +8,9 @@ use transport::{Csr, Dense, LinearOperator};
 
 use super::matrix::{Subject, product_ms, timed};
 use super::{Outcome, Study};
-use crate::bench::bake_settings;
 use crate::bench::contest::field::{Field, GATHERING, OWN, PatchMethod};
 use crate::bench::contest::{View, errors, pictures_at_rest};
+use crate::bench::setup::bake_settings;
 use crate::bench::truth::Truth;
 use crate::error::Error;
 use crate::progress::is_cancelled;
@@ -108,7 +108,7 @@ pub(super) fn time(study: &Study) -> Result<Outcome, Error> {
 }
 
 fn times(study: &Study, subject: &Subject) -> Result<Times, Error> {
-    let factors: &Csr = &subject.bake.form_factors.factors;
+    let factors: &Csr = &subject.bake.form_factors().factors;
     let n = factors.columns;
     let dense_bytes = n * n * size_of::<f32>();
     let dense = (dense_bytes <= MAX_DENSE).then(|| dense(factors));
@@ -141,7 +141,7 @@ fn dense(factors: &Csr) -> Dense {
 
 /// Frames in which the light goes up and down by a tenth, so that there are changes to sample.
 fn frames_ms(subject: &Subject, rows: &impl Distribution, settings: &Settings) -> Result<f64, Error> {
-    let albedo = &subject.bake.mesh.albedo;
+    let albedo = &subject.bake.mesh().albedo;
     let lights = [1.0, 1.1].map(|scale| subject.light.iter().map(|e| *e * scale).collect::<Vec<_>>());
     let mut state = State::new(albedo.len());
     let mut advance = |frame: u32| {
@@ -208,7 +208,7 @@ pub(super) fn accuracy(study: &Study) -> Result<Outcome, Error> {
     let mut rows = Vec::new();
     for &count in &study.counts {
         let field = Field::new(&view, &bake_settings(common, args, loaded, count as usize), progress)?;
-        let patches = field.bake().mesh.patches.len();
+        let patches = field.bake().mesh().patches.len();
         let as_printed =
             TemporalSettings { settings: printed(common.seed), rows: RowKind::Tables, ..TemporalSettings::default() };
         let usual = PatchMethod::usual(patches, common.seed);
