@@ -39,7 +39,12 @@ pub struct Render {
     /// Frames; with more than one the lights move.
     ///
     /// frames.csv and report.html then say what each frame measured.
-    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=100_000), help_heading = "Light")]
+    #[arg(
+        long,
+        default_value_t = 1,
+        value_parser = clap::value_parser!(u32).range(1..=100_000),
+        help_heading = "Light"
+    )]
     pub frames: u32,
     /// Light motion.
     #[arg(long, value_enum, default_value_t = Animate::Path, help_heading = "Light")]

@@ -43,7 +43,14 @@ pub struct Bake {
     pub scene: String,
     /// Methods that the file is for: low_rank, multibounce and feedback have operators, which take time to make; all
     /// others need nothing but what every bake has.
-    #[arg(long = "for", value_name = "METHODS", value_delimiter = ',', default_value = "low_rank", value_parser = parse_purpose, help_heading = "Method")]
+    #[arg(
+        long = "for",
+        value_name = "METHODS",
+        value_delimiter = ',',
+        default_value = "low_rank",
+        value_parser = parse_purpose,
+        help_heading = "Method"
+    )]
     pub methods: Vec<Method>,
     #[command(flatten)]
     pub bake: BakeOptions,

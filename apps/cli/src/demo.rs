@@ -55,7 +55,8 @@ const FULL: Effort = Effort { size: (480, 360), frames: 24, checked: 2, paths: 4
 /// `patchlight demo`.
 #[derive(Args, Clone, Copy, Debug, Default)]
 #[command(
-    after_help = "Examples:\n  patchlight demo\n  patchlight demo --full --out out/full\n  patchlight demo --device vulkan"
+    after_help = "Examples:\n  patchlight demo\n  patchlight demo --full --out out/full\n  patchlight demo --device \
+     vulkan"
 )]
 pub struct Demo {
     /// Larger pictures, more frames, patches and paths: minutes.
@@ -118,7 +119,8 @@ const METHODS: [Method; 6] = [
     Method {
         name: "firstshot",
         title: "First shot",
-        purpose: "no form factors between patches: photons from where light falls first, until the error that is asked for",
+        purpose: "no form factors between patches: photons from where light falls first, until the error that is \
+         asked for",
         settings: MethodSettings::FirstShot(FirstShotSettings {
             error: PHOTON_ERROR,
             most_photons: 1 << 24,
@@ -174,7 +176,8 @@ pub fn run(common: &Common, args: Demo) -> Result<(), Error> {
     let mut outcomes = Vec::new();
     let mut device = String::new();
     Progress::new(common.quiet).note(&format!(
-        "Lights {} built-in rooms by {} methods while their lights move, and path traces a frame of each to compare with.\n\
+        "Lights {} built-in rooms by {} methods while their lights move, and path traces a frame of each to compare \
+         with.\n\
          {} Pictures and report.html: {}. Your own scene: patchlight render SCENE",
         SCENES.len(),
         METHODS.len(),

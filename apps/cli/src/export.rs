@@ -35,7 +35,8 @@ const TEXELS: f64 = (1u32 << 20) as f64;
         patchlight export sponza.toml --probes --volume --probe-count 4096 --indirect --out out/sponza\n  \
         patchlight export cornell --vertices --frames 24\n\n\
         Files (irradiance in W/m2, lengths in metres):\n  \
-        --vertices  NAME-vertices.gltf: COLOR_0 is the light that a white surface shows, _IRRADIANCE the irradiance;\n              \
+        --vertices  NAME-vertices.gltf: COLOR_0 is the light that a white surface shows, _IRRADIANCE the \
+        irradiance;\n              \
         NAME-vertices.ply: the same for tools that read PLY\n  \
         --lightmap  NAME-lightmap.exr: irradiance; NAME-lightmap.gltf: the scene with its coordinates as TEXCOORD_1\n  \
         --probes    NAME-probes.json, NAME-probes.bin: ambient cubes and spherical harmonics of degree 1 on a grid\n  \

@@ -56,7 +56,13 @@ pub struct World {
     pub part: Option<Part>,
     /// Bake nothing, but write the jobs of a farm that bakes N parts and joins them, beside the file that --out names;
     /// it and the scene must be where all workers see them.
-    #[arg(long, value_name = "N", conflicts_with = "part", requires = "format", value_parser = clap::value_parser!(u32).range(1..=1000))]
+    #[arg(
+        long,
+        value_name = "N",
+        conflicts_with = "part",
+        requires = "format",
+        value_parser = clap::value_parser!(u32).range(1..=1000)
+    )]
     pub plan: Option<u32>,
     /// Who runs the jobs.
     #[arg(long, value_enum, requires = "plan")]

@@ -3,8 +3,8 @@
 use runtime::executor::{DeviceChoice, Executor, ExecutorError, open_validated};
 use runtime::vulkan::Validation;
 
-/// Use of the validation layer, by `PATCHLIGHT_VALIDATION`: 0 is off, any other text requires it; debug builds use it if
-/// it is there.
+/// Use of the validation layer, by `PATCHLIGHT_VALIDATION`: 0 is off, any other text requires it; debug builds use it
+/// if it is there.
 pub fn validation() -> Validation {
     Validation::parse(std::env::var("PATCHLIGHT_VALIDATION").ok().as_deref())
 }

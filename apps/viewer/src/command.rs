@@ -42,13 +42,20 @@ use crate::{Display, MethodDefaults, Report, Settings};
 pub struct View {
     /// A scene file (.toml, .obj, .gltf, .glb), a built-in scene, or the bake of one.
     pub scene: String,
-    /// First method for indirect light [default: low_rank where there is an operator for it, else classic; firstshot in a
-    /// medium].
+    /// First method for indirect light [default: low_rank where there is an operator for it, else classic; firstshot in
+    /// a medium].
     #[arg(long, value_parser = parse_purpose, help_heading = "Method")]
     pub method: Option<Method>,
     /// Methods whose operators are made of a scene, so that the window can switch to them: low_rank, multibounce,
     /// feedback. All others need none.
-    #[arg(long = "for", value_name = "METHODS", value_delimiter = ',', default_value = "low_rank", value_parser = parse_purpose, help_heading = "Method")]
+    #[arg(
+        long = "for",
+        value_name = "METHODS",
+        value_delimiter = ',',
+        default_value = "low_rank",
+        value_parser = parse_purpose,
+        help_heading = "Method"
+    )]
     pub methods: Vec<Method>,
     /// Size of the window, pixels.
     #[arg(long, value_parser = parse_size, default_value = "1280x720", help_heading = "Picture")]

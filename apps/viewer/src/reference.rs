@@ -156,13 +156,13 @@ fn trace(shared: &Shared, number: u64, job: &Job) {
     let tracer = PathTracer::new(&job.scene);
     let settings = PathSettings { seed: shared.seed, ..PathSettings::default() };
     let mut sums = Accumulation::new(&job.camera, settings);
-    let ignore_progress = |_: u32, _: u32| match shared.is_wanted(number) {
+    let continues = |_: u32, _: u32| match shared.is_wanted(number) {
         true => ControlFlow::Continue(()),
         false => ControlFlow::Break(()),
     };
     while sums.samples() < MAX_SAMPLES {
         let target = (2 * sums.samples()).clamp(1, sums.samples() + STEP);
-        if !matches!(tracer.accumulate(&job.camera, &mut sums, target, ignore_progress), Ok(true))
+        if !matches!(tracer.accumulate(&job.camera, &mut sums, target, continues), Ok(true))
             || !shared.is_wanted(number)
         {
             return;

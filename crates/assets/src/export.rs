@@ -78,15 +78,15 @@ impl SceneFiles {
     }
 
     /// Writes them into the folder, which is made when needed. Each file goes through a temporary one that is renamed.
-    /// Returns the path of the scene file, or nothing where `ignore_progress` said no: then the file under way is not there.
+    /// Returns the path of the scene file, or nothing where `continues` said no: then the file under way is not there.
     ///
     /// # Errors
     /// [`ImportError::Write`] names the file.
-    pub fn write(&self, ignore_progress: &dyn Fn() -> bool) -> Result<Option<&Path>, ImportError> {
+    pub fn write(&self, continues: &dyn Fn() -> bool) -> Result<Option<&Path>, ImportError> {
         let failed = |source| ImportError::Write { path: self.folder.clone(), source };
         std::fs::create_dir_all(&self.folder).map_err(failed)?;
         for (path, bytes) in &self.files {
-            if !write_file(path, bytes, ignore_progress)? {
+            if !write_file(path, bytes, continues)? {
                 return Ok(None);
             }
         }
@@ -95,7 +95,7 @@ impl SceneFiles {
 }
 
 /// Writes a file beside its place and renames it, so that nobody sees half of it; whether it was written.
-fn write_file(path: &Path, bytes: &[u8], ignore_progress: &dyn Fn() -> bool) -> Result<bool, ImportError> {
+fn write_file(path: &Path, bytes: &[u8], continues: &dyn Fn() -> bool) -> Result<bool, ImportError> {
     let failed = |source| ImportError::Write { path: path.to_path_buf(), source };
     let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
     let mut builder = tempfile::Builder::new();
@@ -105,7 +105,7 @@ fn write_file(path: &Path, bytes: &[u8], ignore_progress: &dyn Fn() -> bool) -> 
     builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
     let mut part = builder.tempfile_in(folder).map_err(failed)?;
     for piece in bytes.chunks(WRITTEN_AT_ONCE) {
-        if !ignore_progress() {
+        if !continues() {
             return Ok(false);
         }
         part.write_all(piece).map_err(failed)?;
@@ -270,7 +270,8 @@ fn settings(scene: &LoadedScene, name: &str) -> String {
     for (material, label) in scene.scene.materials.iter().zip(material_names(scene)).filter(|(m, _)| m.is_specular()) {
         let _ = write!(
             text,
-            "\n[[material]]\nname = {label:?}\nmirror = {}\ntransmittance = {}\nindex_of_refraction = {:?}\npane = {}\n",
+            "\n[[material]]\nname = {label:?}\nmirror = {}\ntransmittance = {}\nindex_of_refraction = {:?}\npane = \
+             {}\n",
             v(material.mirror),
             v(material.transmittance),
             material.index_of_refraction,

@@ -1,5 +1,6 @@
-//! The host form of the kernels: the same bodies, run for all invocations on all cores. Each is computed by itself, so the result does not depend on the number of threads. Most host forms follow from the kernel's
-//! declaration; here are those that are faster than a loop over the invocations.
+//! The host form of the kernels: the same bodies, run for all invocations on all cores. Each is computed by itself, so
+//! the result does not depend on the number of threads. Most host forms follow from the kernel's declaration; here are
+//! those that are faster than a loop over the invocations.
 
 pub(crate) mod firstshot;
 pub(crate) mod localmatrix;

@@ -74,8 +74,8 @@ kernels! {
 
     /// Share of the colour of every light in `changed` that arrives at every point as irradiance:
     /// [`light::share_and_occluder`] with shadow rays by [`bvh::occluder`]. `light_count` says how many have changed;
-    /// `shares` and `occluders` hold `count` values for each light; triangles are numbered as the executor numbers them.
-    /// One invocation per point.
+    /// `shares` and `occluders` hold `count` values for each light; triangles are numbered as the executor numbers
+    /// them. One invocation per point.
     SCENE_DIRECT_SHARES: DirectSharesPass = "scene_direct_shares"(p: DirectParams) for k in 0..count {
         points: read [SurfacePoint; count],
         geometry: GeometryTables,

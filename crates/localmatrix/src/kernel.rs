@@ -222,8 +222,8 @@ pub const FADE_STEP: f32 = 2.0 / 255.0 / 1.44;
 const NEARLY_DISPLAY_WHITE: f32 = 0.998;
 
 /// Share of `shown − now` that is left after a frame, for one channel, W/m²: `keep`, or as much as the light is still
-/// off when its square root, display white being 1, has come nearer by [`FADE_STEP`]. Above display white nothing can be
-/// seen to change.
+/// off when its square root, display white being 1, has come nearer by [`FADE_STEP`]. Above display white nothing can
+/// be seen to change.
 #[inline]
 pub fn share_left(shown: f32, now: f32, p: &FadeParams) -> f32 {
     let from = shown / p.display_white;

@@ -20,7 +20,8 @@ pub enum Error {
     /// The file of an operator that does not fit into memory.
     #[cfg(feature = "std")]
     #[error(
-        "cannot {action} a file of {megabytes} MB for the operator in {}: {reason}; free some space there, or name another folder",
+        "cannot {action} a file of {megabytes} MB for the operator in {}: {reason}; free some space there, or name \
+         another folder",
         folder.display()
     )]
     File {

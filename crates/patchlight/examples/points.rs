@@ -1,5 +1,5 @@
-//! A thousand sensors in the air: their rays are traced once, then every update finds their light, and the newest is read
-//! without waiting.
+//! A thousand sensors in the air: their rays are traced once, then every update finds their light, and the newest is
+//! read without waiting.
 
 use std::sync::Arc;
 use std::time::Instant;

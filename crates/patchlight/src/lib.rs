@@ -70,22 +70,39 @@ pub mod points;
 mod settings;
 pub mod world;
 
+#[doc(inline)]
 pub use albedo::{Albedo, MAX_ALBEDO};
+#[doc(inline)]
 pub use bake::{Bake, BakeSettings, PatchBake, ReceiverKind};
+#[doc(inline)]
 pub use energy::{EnergyCheck, MeanRatio};
+#[doc(inline)]
 pub use error::{Error, ErrorKind, Result};
+#[doc(inline)]
 pub use file::{BakeFile, FileSettings, Origin};
+#[doc(inline)]
 pub use form_factors::{Estimator, FormFactors};
+#[doc(inline)]
 pub use job::{BakeJob, BakeProgress};
+#[doc(inline)]
 pub use light::{LightField, LightSettings, LightUpdate, ReceiverBuffers, SampleLight};
+#[doc(inline)]
 pub use low_level::frame::{FrameInput, FramePlan};
+#[doc(inline)]
 pub use low_level::operator::{Build, BuildOn, Codec, Decode};
+#[doc(inline)]
 pub use low_level::stage::shade::PixelLight;
+#[doc(inline)]
 pub use method::{Method, MethodReport, MethodSettings};
+#[doc(inline)]
 pub use observe::run_phase;
+#[doc(inline)]
 pub use picture::{Picture, Pictures};
+#[doc(inline)]
 pub use pictures::{FrameResult, PendingPicture, PictureRenderer, PictureSettings, ReceiverUpdate};
+#[doc(inline)]
 pub use pixels::PixelGather;
+#[doc(inline)]
 pub use points::{Point, PointKind, PointLight, PointSet};
 pub use transport::{Observer, Phase, Silent};
 

@@ -320,7 +320,8 @@ impl LightField {
     ///
     /// With [`SampleLight::OnDevice`] it is called for each new content of the buffer, whose writes a memory barrier
     /// has made visible to all commands. The buffer is another one after [`Self::set_method`], after an update with
-    /// more lights or another size of the sky's map than any before, and after [`Self::set_albedo`] where light then bounces more often.
+    /// more lights or another size of the sky's map than any before, and after [`Self::set_albedo`] where light then
+    /// bounces more often.
     ///
     /// # Errors
     /// Another number of values than there are samples; a value that is not finite or below 0.

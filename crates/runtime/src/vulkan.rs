@@ -539,8 +539,8 @@ impl Executor for Vulkan {
         let host = self.reads.buffer(&self.device, bytes)?;
         let resource = &self.resources[self.graph.slot_of(buffer)];
         let resources = &self.resources;
-        // SAFETY: the resources go in `unload` and `unload_after`, the host's buffer when its read is done; before each,
-        // this submission is waited for.
+        // SAFETY: the resources go in `unload` and `unload_after`, the host's buffer when its read is done; before
+        // each, this submission is waited for.
         let submitted = unsafe {
             self.queue.submit(Vec::new(), |commands, staging, _| {
                 staging.record(commands, resources);

@@ -219,7 +219,8 @@ fn a_section_is_replaced_alone() {
     // E + ρ H with all ones: 2, 3, and 4 in the section.
     assert!(read(&mut cpu, sum).iter().all(|&v| v == 3.0) && read(&mut cpu, doubled).iter().all(|&v| v == 4.0));
 
-    // Another section, which uses what was not used before it: what is before it keeps its contents, and its passes need not run again.
+    // Another section, which uses what was not used before it: what is before it keeps its contents, and its passes
+    // need not run again.
     let mut other = base.clone();
     assert_eq!(other.begin_section(), section);
     let third = other.storage("third", 2 * BYTES);

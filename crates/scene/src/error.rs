@@ -107,7 +107,8 @@ pub enum Error {
     Hierarchy,
     /// The hierarchy is deeper than the traversal stack of the kernels.
     #[error(
-        "the ray hierarchy has {depth} levels, {limit} fit on the kernels' stack; merge triangles that lie on each other"
+        "the ray hierarchy has {depth} levels, {limit} fit on the kernels' stack; merge triangles that lie on each \
+         other"
     )]
     HierarchyDepth {
         /// Levels.

@@ -1,13 +1,13 @@
 //! A scene as plain data shared by CPU and GPU, and light at points of it.
 //!
-//! The types of [`gpu`] are `#[repr(C)]` and `Pod`: the same bytes lie in host memory and in storage buffers. The bodies in
-//! [`kernel`] are plain functions that run as SPIR-V and on the host alike: rays against the hierarchy with alpha masks
-//! ([`kernel::bvh`]), textures ([`kernel::texture`]), direct irradiance from parallel, point, spot, rectangle and mesh
-//! lights, measured luminaires and the sky ([`kernel::light`]), primary rays ([`kernel::camera`]), shading and tone
-//! mapping ([`kernel::shade`]). With the feature `alloc`, [`Geometry`] owns the tables that never change, builds the
-//! hierarchy and casts rays; [`Scene`] is geometry under a [`Lighting`], which may change in every frame.
-//! [`Scene::builder`] puts one together from meshes, materials, pictures and lights in radiometric or photometric
-//! units.
+//! The types of [`gpu`] are `#[repr(C)]` and `Pod`: the same bytes lie in host memory and in storage buffers. The
+//! bodies in [`kernel`] are plain functions that run as SPIR-V and on the host alike: rays against the hierarchy with
+//! alpha masks ([`kernel::bvh`]), textures ([`kernel::texture`]), direct irradiance from parallel, point, spot,
+//! rectangle and mesh lights, measured luminaires and the sky ([`kernel::light`]), primary rays ([`kernel::camera`]),
+//! shading and tone mapping ([`kernel::shade`]). With the feature `alloc`, [`Geometry`] owns the tables that never
+//! change, builds the hierarchy and casts rays; [`Scene`] is geometry under a [`Lighting`], which may change in every
+//! frame. [`Scene::builder`] puts one together from meshes, materials, pictures and lights in radiometric or
+//! photometric units.
 //!
 //! Units: metres; irradiance and exitance W/m², radiance W/m²/sr, linear Rec.709 RGB.
 //! Equations: `H_d = ∫ L_i cosθ dω`, `L_o = L_e + ρ/π (H_d + H)`.
@@ -59,13 +59,19 @@ pub mod units;
 #[cfg(feature = "alloc")]
 pub mod host;
 
+#[doc(inline)]
 pub use error::{Error, ReflectanceFault};
+#[doc(inline)]
 pub use gpu::{Camera, Hit, LUMENS_PER_WATT, Light, Material, NONE, Ray, Rgb, Sky, SurfacePoint};
+#[doc(inline)]
 pub use kernel::light::Lights;
+#[doc(inline)]
 pub use kernel::{GeometryTables, Hierarchy};
+#[doc(inline)]
 pub use units::{Flux, Intensity, Irradiance, Radiance, SurfaceLight};
 
 #[cfg(feature = "alloc")]
+#[doc(inline)]
 pub use host::{
     BuildError, Distribution, Geometry, LightId, Lighting, MAX_EMITTER_GROUPS, MaterialId, Mesh, MeshFault, MeshId,
     Occluder, POINT_WALKS, Picture, ReceiverSet, SKY_BINS, Scene, SceneBuilder, SceneParts, SidePolicy, Sides,

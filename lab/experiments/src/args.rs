@@ -76,7 +76,13 @@ pub struct Bench {
     /// Viewing area with close patches and receivers: auto, camera, or a box as X,Y,Z,X,Y,Z (m): enclosed space, what
     /// the camera sees round it, or what is given (clean, frame, leaks, local, materials, scaling, step, table3,
     /// temporal, unseen).
-    #[arg(long, default_value = "auto", value_name = "auto|camera|BOX", allow_hyphen_values = true, value_parser = parse_focus)]
+    #[arg(
+        long,
+        default_value = "auto",
+        value_name = "auto|camera|BOX",
+        allow_hyphen_values = true,
+        value_parser = parse_focus
+    )]
     pub focus: FocusChoice,
     /// Relative errors (Frobenius) of compressed operators.
     #[arg(long, value_delimiter = ',', default_value = "0.05,0.03,0.02,0.01,0.005", value_parser = parse_epsilon)]
@@ -88,7 +94,11 @@ pub struct Bench {
     #[arg(long, default_value_t = FirstShotSettings::default().error, value_parser = parse_error)]
     pub error: f64,
     /// Most photons (firstshot).
-    #[arg(long, default_value_t = FirstShotSettings::default().most_photons, value_parser = clap::value_parser!(u64).range(1..=1 << 33))]
+    #[arg(
+        long,
+        default_value_t = FirstShotSettings::default().most_photons,
+        value_parser = clap::value_parser!(u64).range(1..=1 << 33)
+    )]
     pub photons: u64,
     /// Receivers for each that there is by default.
     #[arg(long, value_delimiter = ',', default_value = "0.5,1,2", value_parser = parse_density)]
@@ -143,7 +153,12 @@ pub struct Bench {
     #[arg(long, value_delimiter = ',', default_value = "1,2,4", value_parser = parse_density)]
     pub spacings: Vec<f32>,
     /// Rays of each probe in a frame (table3; the least of leaks, materials, scaling, step, unseen).
-    #[arg(long, value_delimiter = ',', default_value = "144,288", value_parser = clap::value_parser!(u32).range(1..=4096))]
+    #[arg(
+        long,
+        value_delimiter = ',',
+        default_value = "144,288",
+        value_parser = clap::value_parser!(u32).range(1..=4096)
+    )]
     pub probe_rays: Vec<u32>,
     /// Errors over 1,000 to 20,000 patches, instead of one number (clean).
     #[arg(long)]

@@ -203,10 +203,10 @@ impl<'a> Tracing<'a> {
         let finished = progress.phase(Phase::PATHS.name(), |report| -> Result<bool, Error> {
             while sums.samples() < paths {
                 let next = (sums.samples() + PATHS_AT_ONCE).min(paths);
-                let ignore_progress =
+                let continues =
                     tracer.accumulate(&self.camera, sums, next, |done, _| report(done as usize, paths as usize))?;
                 sums.save(&path, &self.mark)?;
-                if !ignore_progress {
+                if !continues {
                     return Ok(false);
                 }
             }

@@ -35,10 +35,22 @@ pub struct BakeOptions {
     #[arg(long, value_enum, default_value_t = FormFactors::Hemisphere, help_heading = RESEARCH)]
     pub form_factors: FormFactors,
     /// Rays a row of the form factors (hemisphere).
-    #[arg(long, value_name = "N", default_value_t = 4096, value_parser = clap::value_parser!(u32).range(16..=1_048_576), help_heading = "Bake")]
+    #[arg(
+        long,
+        value_name = "N",
+        default_value_t = 4096,
+        value_parser = clap::value_parser!(u32).range(16..=1_048_576),
+        help_heading = "Bake"
+    )]
     pub rays: u32,
     /// Rays from each receiver.
-    #[arg(long, value_name = "N", default_value_t = BakeSettings::default().receiver_rays, value_parser = clap::value_parser!(u32).range(16..=1_048_576), help_heading = "Bake")]
+    #[arg(
+        long,
+        value_name = "N",
+        default_value_t = BakeSettings::default().receiver_rays,
+        value_parser = clap::value_parser!(u32).range(16..=1_048_576),
+        help_heading = "Bake"
+    )]
     pub receiver_rays: u32,
 }
 

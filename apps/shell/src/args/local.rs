@@ -11,17 +11,38 @@ pub struct LocalArgs {
     /// Patches in the matrix round the camera (local).
     ///
     /// Merged patches count as one; the matrix takes 16 bytes for each pair.
-    #[arg(long, value_name = "N", default_value_t = LocalSettings::DEFAULT.slots as u32, value_parser = clap::value_parser!(u32).range(4..=localmatrix::MAX_SLOTS as i64), help_heading = "Method")]
+    #[arg(
+        long,
+        value_name = "N",
+        default_value_t = LocalSettings::DEFAULT.slots as u32,
+        value_parser = clap::value_parser!(u32).range(4..=localmatrix::MAX_SLOTS as i64),
+        help_heading = "Method"
+    )]
     pub slots: u32,
     /// Greatest number of patches that enter or leave in a frame (local).
-    #[arg(long, default_value_t = LocalSettings::DEFAULT.budget as u32, value_parser = clap::value_parser!(u32).range(1..=65_535), help_heading = RESEARCH)]
+    #[arg(
+        long,
+        default_value_t = LocalSettings::DEFAULT.budget as u32,
+        value_parser = clap::value_parser!(u32).range(1..=65_535),
+        help_heading = RESEARCH
+    )]
     pub budget: u32,
     /// Frames for which the camera's path is predicted (local).
-    #[arg(long, default_value_t = LocalSettings::DEFAULT.predicted_frames, value_parser = parse_frames, help_heading = RESEARCH)]
+    #[arg(
+        long,
+        default_value_t = LocalSettings::DEFAULT.predicted_frames,
+        value_parser = parse_frames,
+        help_heading = RESEARCH
+    )]
     pub look_ahead: f32,
     /// Frames over which changes of the matrix come into the light, more where displayed values
     /// would change by more than two 255ths a frame; 1 for at once (local).
-    #[arg(long, default_value_t = LocalSettings::DEFAULT.fade, value_parser = clap::value_parser!(u32).range(1..=1000), help_heading = RESEARCH)]
+    #[arg(
+        long,
+        default_value_t = LocalSettings::DEFAULT.fade,
+        value_parser = clap::value_parser!(u32).range(1..=1000),
+        help_heading = RESEARCH
+    )]
     pub fade: u32,
     /// Make all changes that suit the camera in each frame, wait for the disk, and let nothing
     /// fade: pictures as of a camera at rest, to compare those of a moving one with. --budget,

@@ -77,10 +77,22 @@ pub struct MethodOptions {
     ///
     /// It is that of the irradiance of the patches; among mirrors and glass and in a medium that of the elements, which
     /// are smaller. With 0 all of `--photons` are traced, and no frame waits to hear of the error.
-    #[arg(long, value_name = "E", default_value_t = FirstShotSettings::default().error, value_parser = parse_goal, help_heading = "Method")]
+    #[arg(
+        long,
+        value_name = "E",
+        default_value_t = FirstShotSettings::default().error,
+        value_parser = parse_goal,
+        help_heading = "Method"
+    )]
     pub error: f64,
     /// Most photons (firstshot).
-    #[arg(long, value_name = "N", default_value_t = FirstShotSettings::default().most_photons, value_parser = clap::value_parser!(u64).range(1..=1 << 33), help_heading = "Method")]
+    #[arg(
+        long,
+        value_name = "N",
+        default_value_t = FirstShotSettings::default().most_photons,
+        value_parser = clap::value_parser!(u64).range(1..=1 << 33),
+        help_heading = "Method"
+    )]
     pub photons: u64,
     /// Subdivision of triangles by the light on them (firstshot): across the edges on which it bends, or as Kopylov's
     /// algorithm 1.

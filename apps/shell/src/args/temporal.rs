@@ -10,7 +10,13 @@ use temporal::{Blend, MAX_SAMPLES, Settings};
 #[derive(Args, Clone, Copy, Debug, PartialEq)]
 pub struct TemporalOptions {
     /// Samples a row and frame (temporal).
-    #[arg(long, value_name = "N", default_value_t = Settings::default().samples, value_parser = clap::value_parser!(u32).range(1..=i64::from(MAX_SAMPLES)), help_heading = "Method")]
+    #[arg(
+        long,
+        value_name = "N",
+        default_value_t = Settings::default().samples,
+        value_parser = clap::value_parser!(u32).range(1..=i64::from(MAX_SAMPLES)),
+        help_heading = "Method"
+    )]
     pub samples: u32,
     /// Weight of the frames before, from 0 to below 1, or auto: from the noise of the samples and the change of the
     /// light (temporal without control variate).
@@ -20,7 +26,12 @@ pub struct TemporalOptions {
     #[arg(long, value_enum, default_value_t = Switch::On, help_heading = RESEARCH)]
     pub control_variate: Switch,
     /// Frames in which each row is once summed exactly (temporal with control variate); 0 for never.
-    #[arg(long, default_value_t = Settings::default().refresh, value_parser = clap::value_parser!(u32).range(0..=1_000_000), help_heading = RESEARCH)]
+    #[arg(
+        long,
+        default_value_t = Settings::default().refresh,
+        value_parser = clap::value_parser!(u32).range(0..=1_000_000),
+        help_heading = RESEARCH
+    )]
     pub refresh: u32,
     /// Takes samples from a lattice, rotated by chance, or independently (temporal).
     #[arg(long, value_enum, default_value_t = Switch::On, help_heading = RESEARCH)]

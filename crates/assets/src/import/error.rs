@@ -164,7 +164,8 @@ pub enum ImportError {
     },
     /// A material sends more light than it gets.
     #[error(
-        "{}: material \"{material}\": {found}; lower what it reflects diffusely, mirrors or lets through, in the mesh or by \
+        "{}: material \"{material}\": {found}; lower what it reflects diffusely, mirrors or lets through, in the \
+         mesh or by \
          [[material]] of a scene file", path.display()
     )]
     Reflectance {

@@ -86,8 +86,8 @@ pub struct CameraMatrix {
 }
 
 impl CameraMatrix {
-    /// The matrix for a camera at `eye` in a world; leaf k of the world is the patch `order[k]`. `ignore_progress` is told the
-    /// share that is done, and answers whether to go on.
+    /// The matrix for a camera at `eye` in a world; leaf k of the world is the patch `order[k]`. `continues` is told
+    /// the share that is done, and answers whether to go on.
     ///
     /// # Errors
     /// Settings out of their range; [`Error::Cancelled`].
@@ -96,7 +96,7 @@ impl CameraMatrix {
         order: Vec<u32>,
         settings: &CameraSettings,
         eye: Vec3,
-        ignore_progress: &dyn Fn(f32) -> bool,
+        continues: &dyn Fn(f32) -> bool,
     ) -> Result<Self, Error> {
         let local_settings = LocalSettings {
             slots: settings.slots.min(order.len()).max(1).next_multiple_of(SLOT_STEP),
@@ -109,7 +109,7 @@ impl CameraMatrix {
         let most = Cell::new(0);
         let share = |done: usize| {
             most.set(done.max(most.get()));
-            ignore_progress(most.get() as f32 / local_settings.slots as f32)
+            continues(most.get() as f32 / local_settings.slots as f32)
         };
         local.settle(&mut *world, View { eye, predicted: eye }, &share)?;
         Ok(Self {

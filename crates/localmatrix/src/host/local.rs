@@ -473,8 +473,8 @@ impl Local {
     }
 
     /// Steps without a budget until the nodes are those that suit the camera: before the first frame. Each step waits
-    /// until all rows of its choice are there, so that the result is the same however fast they come. `ignore_progress(done)` is
-    /// told how many rows are there and says whether to go on. Returns the work.
+    /// until all rows of its choice are there, so that the result is the same however fast they come. `continues(done)`
+    /// is told how many rows are there and says whether to go on. Returns the work.
     ///
     /// # Errors
     /// As [`Self::apply`]; [`Error::Cancelled`].
@@ -482,12 +482,12 @@ impl Local {
         &mut self,
         world: &mut dyn World,
         view: View,
-        ignore_progress: &dyn Fn(usize) -> bool,
+        continues: &dyn Fn(usize) -> bool,
     ) -> Result<Step, Error> {
         let mut whole = Step::default();
         let mut rounds = 0;
         loop {
-            if !ignore_progress(self.rows.len().min(self.settings.slots)) {
+            if !continues(self.rows.len().min(self.settings.slots)) {
                 return Err(Error::Cancelled);
             }
             // In parts, so that one can see it go on.

@@ -442,7 +442,8 @@ impl FirstShot {
 
     /// Indirect irradiance at points, W/m²: the mean over rays of `T ρ (H_d + H)` at what they meet, H of the
     /// illumination maps, H_d by shadow rays, T what the medium leaves on the way. Where anything mirrors light or lets
-    /// it through, that of the maps' cell under a point on a surface: no ray finds what a lamp sends by way of a mirror.
+    /// it through, that of the maps' cell under a point on a surface: no ray finds what a lamp sends by way of a
+    /// mirror.
     pub fn irradiance_at(&self, scene: &Scene, points: &[SurfacePoint], seed: u32) -> Vec<Vec3> {
         let maps = &self.maps;
         let estimate = &self.estimate;

@@ -206,14 +206,14 @@ impl Streamed {
         // The disk is given up when nothing has come for so long.
         let last = Cell::new((0, Instant::now()));
         let slots = self.settings.local.slots as f32;
-        let ignore_progress = |done: usize| {
+        let report_rows = |done: usize| {
             if done != last.get().0 {
                 last.set((done, Instant::now()));
             }
             stopped.set(stopped.get() || !report(done as f32 / slots));
             !stopped.get() && last.get().1.elapsed() < PATIENCE
         };
-        match self.local.settle(&mut self.rows, CameraPath { eye, predicted: eye }, &ignore_progress) {
+        match self.local.settle(&mut self.rows, CameraPath { eye, predicted: eye }, &report_rows) {
             Ok(step) => Ok(step),
             // A disk that is too slow: coarser nodes do until it comes.
             Err(error) if Error::from(error.clone()).is_cancelled() => {

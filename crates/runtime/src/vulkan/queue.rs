@@ -144,8 +144,8 @@ impl Queue {
     }
 
     /// Records what `record` records and submits it. Everything that earlier submissions wrote is visible to it.
-    /// `times` are those of the passes that are timed, without their milliseconds: `record` then writes one timestamp more
-    /// than there are passes.
+    /// `times` are those of the passes that are timed, without their milliseconds: `record` then writes one timestamp
+    /// more than there are passes.
     ///
     /// # Safety
     /// What `record` records outlives its execution, which [`Queue::finish`] waits for.

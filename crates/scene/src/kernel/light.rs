@@ -238,8 +238,8 @@ pub fn irradiance_share(
 }
 
 /// [`irradiance_share`], and what stopped the last ray that was stopped, 1 added, or 0; `occluder` is that of before:
-/// most rays meet it again while a light moves little. `find(origin, direction, t_max, last)` gives what stops a ray, or
-/// [`NONE`].
+/// most rays meet it again while a light moves little. `find(origin, direction, t_max, last)` gives what stops a ray,
+/// or [`NONE`].
 #[allow(clippy::too_many_arguments)]
 #[inline]
 pub fn share_and_occluder(

@@ -99,7 +99,8 @@ impl Claims {
     /// As a Markdown table: those of opponents, or the others.
     pub fn table(&self, of_opponents: bool) -> String {
         let mut text = String::from(
-            "| claim | source | its number | here | verdict | reason | measured by |\n| --- | --- | --- | --- | --- | --- | --- |\n",
+            "| claim | source | its number | here | verdict | reason | measured by |\n| --- | --- | --- | --- | --- \
+             | --- | --- |\n",
         );
         for (claim, verdict) in self.0.iter().filter(|(claim, _)| claim.of_opponent == of_opponents) {
             let Claim { source, claim, theirs, ours, reason, command, .. } = claim;
@@ -247,7 +248,8 @@ mod tests {
             "source": "s",
             "claim": "c",
             "theirs": "1",
-            "ours": "{race|box|ours|indirect.error|1%} % and {race|box|probes least indirect.error|indirect.error|1%} %, \
+            "ours": "{race|box|ours|indirect.error|1%} % and {race|box|probes least \
+             indirect.error|indirect.error|1%} %, \
                      ×{race|box|probes greatest indirect.error|ms / race|box|ours|ms|s}, {race|box|coarse|method|t}",
             "command": "patchlight bench race",
             "holds_if": ["race|box|ours|indirect.error < race|box|probes least indirect.error|indirect.error"],

@@ -417,10 +417,10 @@ impl Curve {
 }
 
 fn emission(scene: &Scene, way: Way) -> Result<Emission, Error> {
-    let ignore_progress = |_, _| if is_cancelled() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) };
+    let until_cancelled = |_, _| if is_cancelled() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) };
     Ok(match way.first_shot {
         None => Emission::classical(scene)?,
-        Some(settings) => settings.emission(scene, &ignore_progress)?,
+        Some(settings) => settings.emission(scene, &until_cancelled)?,
     })
 }
 

@@ -366,7 +366,8 @@ struct Named<'a> {
 fn tables(machine: &Machine, operations_g: f64, rows: &[Row], points: &[PointCost]) -> Vec<Table> {
     let head = ["scene", "method", "what happens", "updated", "triangles", "patches", "lights", "median ms", "max ms"];
     let times = Table {
-        caption: "Whole light updates, from \"a light has moved\" to irradiance at every visible point; passes, medians in ms. \
+        caption: "Whole light updates, from \"a light has moved\" to irradiance at every visible point; passes, \
+         medians in ms. \
                   The primary rays of the pixels, which say what is in view, are not counted."
             .to_owned(),
         head: head.into_iter().chain(PASSES).chain(["receivers found", "points found"]).map(str::to_owned).collect(),
@@ -374,7 +375,8 @@ fn tables(machine: &Machine, operations_g: f64, rows: &[Row], points: &[PointCos
             .iter()
             .map(|row| {
                 let update = &row.light_update;
-                let texts = [row.scene.clone(), row.method.clone(), row.event.to_owned(), row.receivers_updated.to_owned()];
+                let texts =
+                    [row.scene.clone(), row.method.clone(), row.event.to_owned(), row.receivers_updated.to_owned()];
                 let passes = PASSES.map(|pass| row.passes.get(pass).copied().unwrap_or(0.0));
                 // A sum of nothing may be a negative zero.
                 let numbers = [update.median_ms, update.max_ms].into_iter().chain(passes).map(|ms| ms + 0.0);

@@ -51,7 +51,8 @@ fn text(folder: &Path) -> Result<String, Error> {
     // Their numbers are those of the experiments, which are there by now.
     let claims = Claims::read(&folder.join(CLAIMS))?;
     let mut text = String::from(
-        "# Experiments\n\nThis page and its plots are made by `patchlight bench report` from `data`; a test compares them.\n\n\
+        "# Experiments\n\nThis page and its plots are made by `patchlight bench report` from `data`; a test compares \
+         them.\n\n\
          ## What does not hold\n\n",
     );
     text += &bar::text(&methods);
