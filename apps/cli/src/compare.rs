@@ -84,7 +84,11 @@ pub fn run(common: &Common, args: &Compare) -> Result<(), Error> {
     for (name, value) in errors::rows(&full) {
         say!("{name:30} {value}");
     }
-    let PictureFaults { faults, noise_share } = &comparison.faults;
+    print_faults(&comparison.faults);
+    Ok(())
+}
+
+fn print_faults(PictureFaults { faults, noise_share }: &PictureFaults) {
     let shares = [("leaks", faults.leak_share), ("stains", faults.stain_share), ("noise", *noise_share)];
     for (name, share) in shares {
         say!("{name:30} {:.3} % of the pixels", 100.0 * share);
@@ -95,5 +99,4 @@ pub fn run(common: &Common, args: &Compare) -> Result<(), Error> {
             say!("{name:30} {:.2} %, 95th percentile", 100.0 * error);
         }
     }
-    Ok(())
 }

@@ -26,6 +26,7 @@ use patchlight::{
 use runtime::executor::{DeviceChoice, Executor};
 use runtime::graph::Graph;
 use runtime::recipe::multibounce::Decoder;
+use scene::{Camera, Lighting};
 use shell::Error;
 use shell::args::{Bounces, Common, Method};
 use shell::device::open;
@@ -383,13 +384,9 @@ impl Job<'_> {
         let mut times: BTreeMap<String, Vec<f64>> = BTreeMap::new();
         let mut updates = Vec::new();
         let mut last = None;
-        let at = |number: u32| {
-            let (lights, view) = movement.at(number);
-            (with_lights(&loaded.scene, &lights), view.camera(self.size.0, self.size.1))
-        };
         let mut begun = None;
         for number in 0..args.frames {
-            let (lighting, camera) = at(number);
+            let (lighting, camera) = self.shot(&movement, number);
             let done = progress.timed("frame", || {
                 let pending = begun.take().map_or_else(|| renderer.begin_picture(&lighting, &camera, number), Ok);
                 renderer.end_picture(pending?)
@@ -403,7 +400,7 @@ impl Job<'_> {
             }
             if number + 1 < args.frames {
                 // The device is at work on the next picture while this one is written.
-                let (lighting, camera) = at(number + 1);
+                let (lighting, camera) = self.shot(&movement, number + 1);
                 let next = progress.timed("frame", || renderer.begin_picture(&lighting, &camera, number + 1))?;
                 begun = Some(next);
             }
@@ -431,16 +428,14 @@ impl Job<'_> {
             let graph = Graph::new(renderer.light_mut().executor_mut().plan().clone()).graphviz(ms);
             output::write_text(path, &graph)?;
         }
-        let (visible_receivers, visible_points) = renderer.count_updated()?;
-        summary.light_update = PassTimes::of(&updates).map(|PassTimes { median_ms, max_ms }| LightUpdate {
-            median_ms,
-            max_ms,
-            frames_ms: updates,
-            visible_receivers,
-            visible_points,
-            bytes: renderer.light().bytes().values().sum(),
-        });
+        summary.light_update = light_update(renderer, updates)?;
         last.ok_or(Error::Cancelled)
+    }
+
+    /// Lighting and camera of a frame.
+    fn shot(&self, movement: &Movement, number: u32) -> (Lighting, Camera) {
+        let (lights, view) = movement.at(number);
+        (with_lights(&self.loaded.scene, &lights), view.camera(self.size.0, self.size.1))
     }
 
     /// Checks a frame, and writes one of several as a picture.
@@ -592,4 +587,12 @@ fn print(s: &Summary) {
             p.mean_ratio
         );
     }
+}
+
+/// Times of the light updates of all frames, with what the last one was for.
+fn light_update(renderer: &mut PictureRenderer, frames_ms: Vec<f64>) -> Result<Option<LightUpdate>, Error> {
+    let (visible_receivers, visible_points) = renderer.count_updated()?;
+    let bytes = renderer.light().bytes().values().sum();
+    let Some(PassTimes { median_ms, max_ms }) = PassTimes::of(&frames_ms) else { return Ok(None) };
+    Ok(Some(LightUpdate { median_ms, max_ms, frames_ms, visible_receivers, visible_points, bytes }))
 }

@@ -318,11 +318,7 @@ fn apply(command: &Command, state: &mut State) -> Result<(), String> {
         }
         Command::Object(change) => change_object(state, *change)?,
         Command::Exposure(stops) => state.exposure_stops = *stops,
-        Command::Camera(number) => {
-            let count = state.cameras.len();
-            let camera = number.checked_sub(1).and_then(|index| state.cameras.get(index));
-            state.eye = camera.ok_or_else(|| format!("there is no camera {number}; there are {count}"))?.1;
-        }
+        Command::Camera(number) => choose_camera(state, *number)?,
         Command::Eye { position, target } => {
             let direction = (*target - *position).try_normalize();
             state.eye.position = *position;
@@ -345,6 +341,13 @@ fn apply(command: &Command, state: &mut State) -> Result<(), String> {
         | Command::Size(..)
         | Command::SunHour { .. } => {}
     }
+    Ok(())
+}
+
+fn choose_camera(state: &mut State, number: usize) -> Result<(), String> {
+    let count = state.cameras.len();
+    let camera = number.checked_sub(1).and_then(|index| state.cameras.get(index));
+    state.eye = camera.ok_or_else(|| format!("there is no camera {number}; there are {count}"))?.1;
     Ok(())
 }
 

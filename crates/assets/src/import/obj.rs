@@ -5,7 +5,7 @@
 //! colours.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use glam::{Vec2, Vec3};
@@ -53,16 +53,7 @@ pub fn load(path: &Path, bytes: &[u8], options: &LoadOptions) -> Result<Mesh, Im
     check_count(path, checked.triangles, options)?;
     let mut warnings = Vec::new();
     let mut materials: Vec<MaterialDraft> = Vec::new();
-    let mut files = Vec::new();
-    for library in &checked.libraries {
-        let whole = super::scene_file::beside(path, library);
-        // One name with spaces, or several names.
-        if whole.exists() || !library.contains(char::is_whitespace) {
-            files.push(whole);
-        } else {
-            files.extend(library.split_whitespace().map(|name| super::scene_file::beside(path, name)));
-        }
-    }
+    let files = library_files(path, &checked.libraries);
     files.iter().for_each(|file| mtl::load(file, &mut materials, &mut warnings));
     // The last of several materials of one name counts.
     let by_name: BTreeMap<String, usize> = materials.iter().enumerate().map(|(k, m)| (m.name.clone(), k)).collect();
@@ -111,6 +102,21 @@ pub fn load(path: &Path, bytes: &[u8], options: &LoadOptions) -> Result<Mesh, Im
     }
     let timings = vec![("check", check_seconds), ("parse and textures", seconds(start))];
     Ok(Mesh { triangles, objects, materials, warnings, files, packed: Some(packed), timings, ..Mesh::default() })
+}
+
+/// Material libraries that a file names.
+fn library_files(path: &Path, libraries: &[String]) -> Vec<PathBuf> {
+    let mut files = Vec::new();
+    for library in libraries {
+        let whole = super::scene_file::beside(path, library);
+        // One name with spaces, or several names.
+        if whole.exists() || !library.contains(char::is_whitespace) {
+            files.push(whole);
+        } else {
+            files.extend(library.split_whitespace().map(|name| super::scene_file::beside(path, name)));
+        }
+    }
+    files
 }
 
 /// Triangles of all models, names of their objects, and whether any is without material (it gets the index `none`).

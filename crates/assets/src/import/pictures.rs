@@ -290,26 +290,33 @@ pub fn pack(materials: &[MaterialDraft], budget: usize) -> Packed {
             }
         }
     }
-    for material in materials {
-        let mut slots = Slots { albedo: NONE, radiance: NONE, radiance_scale: 1.0, mask: NONE };
-        for (source, used, slot) in wanted(material) {
-            let Some(&(texture, clamped, scale)) = found.get(&(source, used)) else { continue };
-            match slot {
-                Slot::Albedo => slots.albedo = texture,
-                Slot::Mask => slots.mask = texture,
-                Slot::Radiance => (slots.radiance, slots.radiance_scale) = (texture, scale),
-            }
-            if clamped && slot == Slot::Albedo {
-                packed.warnings.push(format!(
-                    "material {}: texels of {} above {ALBEDO_LIMIT} were lowered to it",
-                    material.name,
-                    source.name()
-                ));
-            }
-        }
-        packed.slots.push(slots);
-    }
+    packed.slots = materials.iter().map(|material| slots_of(material, &found, &mut packed.warnings)).collect();
     packed
+}
+
+/// Textures of a material by source and use: number, whether texels were lowered, scale.
+fn slots_of(
+    material: &MaterialDraft,
+    found: &BTreeMap<(&Source, Use), (u32, bool, f32)>,
+    warnings: &mut Vec<String>,
+) -> Slots {
+    let mut slots = Slots { albedo: NONE, radiance: NONE, radiance_scale: 1.0, mask: NONE };
+    for (source, used, slot) in wanted(material) {
+        let Some(&(texture, clamped, scale)) = found.get(&(source, used)) else { continue };
+        match slot {
+            Slot::Albedo => slots.albedo = texture,
+            Slot::Mask => slots.mask = texture,
+            Slot::Radiance => (slots.radiance, slots.radiance_scale) = (texture, scale),
+        }
+        if clamped && slot == Slot::Albedo {
+            warnings.push(format!(
+                "material {}: texels of {} above {ALBEDO_LIMIT} were lowered to it",
+                material.name,
+                source.name()
+            ));
+        }
+    }
+    slots
 }
 
 #[derive(Clone, Copy, PartialEq)]

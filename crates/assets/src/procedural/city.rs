@@ -156,13 +156,7 @@ impl Materials {
             metal: b.plain("metal", [0.52, 0.53, 0.55]),
             dark: b.plain("black", [0.05, 0.05, 0.06]),
             ceramic: b.plain("ceramic", [0.82, 0.81, 0.78]),
-            fabric: [
-                b.plain("red cloth", [0.55, 0.1, 0.09]),
-                b.plain("blue cloth", [0.1, 0.17, 0.42]),
-                b.plain("linen", [0.7, 0.65, 0.54]),
-                b.plain("green cloth", [0.12, 0.3, 0.16]),
-                b.plain("yellow cloth", [0.7, 0.52, 0.12]),
-            ],
+            fabric: cloths(b),
             lamp: b.material(shining("ceiling lamp", 0.8, Vec3::new(52.0, 44.0, 32.0))),
             street_lamp: b.material(shining("street lamp", 0.8, Vec3::new(60.0, 46.0, 26.0))),
             car: [
@@ -173,6 +167,16 @@ impl Materials {
             ],
         }
     }
+}
+
+fn cloths(b: &mut Builder) -> [u32; 5] {
+    [
+        b.plain("red cloth", [0.55, 0.1, 0.09]),
+        b.plain("blue cloth", [0.1, 0.17, 0.42]),
+        b.plain("linen", [0.7, 0.65, 0.54]),
+        b.plain("green cloth", [0.12, 0.3, 0.16]),
+        b.plain("yellow cloth", [0.7, 0.52, 0.12]),
+    ]
 }
 
 /// Plan of a city: lots along x and z, level of detail.

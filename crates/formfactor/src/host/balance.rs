@@ -126,30 +126,7 @@ pub fn balance(
 
     // From here on the matrix holds S.
     let sky_area: Vec<f64> = (0..n).map(|i| f64::from(sky_factor[i]) * f64::from(area[i])).collect();
-    let mut x = vec![1.0f64; n];
-    loop {
-        let sums: Vec<f64> = (0..n)
-            .into_par_iter()
-            .map(|i| factors.row(i).iter().zip(&x).map(|(&s, x)| f64::from(s) * x).sum::<f64>() + sky_area[i])
-            .collect();
-        let mut worst = 0.0f64;
-        for i in 0..n {
-            let ratio = x[i] * sums[i] / f64::from(area[i]);
-            let is_open = x[i] >= MAX_SCALE && ratio < 1.0;
-            if sums[i] > 0.0 && !is_open {
-                worst = worst.max((ratio - 1.0).abs());
-            }
-        }
-        if worst <= TOLERANCE || report.iterations == STEPS {
-            break;
-        }
-        for i in 0..n {
-            if sums[i] > 0.0 {
-                x[i] = (x[i] * (f64::from(area[i]) / (x[i] * sums[i])).sqrt()).min(MAX_SCALE);
-            }
-        }
-        report.iterations += 1;
-    }
+    let x = find_scales(factors, &sky_area, area, &mut report.iterations);
     if n > 0 {
         factors.values.par_chunks_mut(n).enumerate().for_each(|(i, row)| {
             let scale = x[i] / f64::from(area[i]);
@@ -165,6 +142,35 @@ pub fn balance(
     report.reciprocity = reciprocity_residual(factors, area);
     report.closure = closure_residual(factors, sky_factor);
     Ok(report)
+}
+
+/// Scales x of the rows and columns of S that close every row, or as good as closed.
+fn find_scales(factors: &Dense, sky_area: &[f64], area: &[f32], iterations: &mut u32) -> Vec<f64> {
+    let n = factors.rows;
+    let mut x = vec![1.0f64; n];
+    loop {
+        let sums: Vec<f64> = (0..n)
+            .into_par_iter()
+            .map(|i| factors.row(i).iter().zip(&x).map(|(&s, x)| f64::from(s) * x).sum::<f64>() + sky_area[i])
+            .collect();
+        let mut worst = 0.0f64;
+        for i in 0..n {
+            let ratio = x[i] * sums[i] / f64::from(area[i]);
+            let is_open = x[i] >= MAX_SCALE && ratio < 1.0;
+            if sums[i] > 0.0 && !is_open {
+                worst = worst.max((ratio - 1.0).abs());
+            }
+        }
+        if worst <= TOLERANCE || *iterations == STEPS {
+            return x;
+        }
+        for i in 0..n {
+            if sums[i] > 0.0 {
+                x[i] = (x[i] * (f64::from(area[i]) / (x[i] * sums[i])).sqrt()).min(MAX_SCALE);
+            }
+        }
+        *iterations += 1;
+    }
 }
 
 /// `S_ij = S_ji =` weighted mean of `A_i F_ij` and `A_j F_ji`, in place, tile by tile (both tiles stay in the cache).

@@ -438,15 +438,20 @@ impl LocalMatrix {
         self.keep(1.0, k, &vectors, &free);
         let factors = MatMut::from_column_major_slice_mut(&mut self.factors, slots, slots);
         write_border(factors, &free, &outer, &inner);
-        for ((one, &slot), sqrt_area) in new.iter().zip(&free).zip(sqrt_area) {
+        self.occupy(new, &free, &sqrt_area);
+        self.used = n;
+        self.work += 6 * (n * n * k) as u64;
+        Ok(())
+    }
+
+    /// Notes the new patches of slots that were free.
+    fn occupy(&mut self, new: &[&Entering], free: &[usize], sqrt_area: &[f32]) {
+        for ((one, &slot), &sqrt_area) in new.iter().zip(free).zip(sqrt_area) {
             self.contents[slot] = Slot::Active(one.patch);
             self.slots.insert(one.patch, slot as u32);
             self.sqrt_area[slot] = sqrt_area;
             (0..3).for_each(|c| self.albedo[c][slot] = one.albedo[c]);
         }
-        self.used = n;
-        self.work += 6 * (n * n * k) as u64;
-        Ok(())
     }
 
     /// Takes what is in these slots out of the matrix; `T̂ ← T̂ − Y Yᵀ` with `Y = T̂_K P½ L⁻ᵀ` and `L Lᵀ = I + P½ T̂_KK

@@ -180,25 +180,7 @@ impl ProbeVolume {
             return Err(wrong(format!("{} probes in {:?} voxels", d.probe_count, d.counts)));
         }
         let rows = [voxels, d.probe_count.into(), d.probe_count.into(), d.probe_count.into()];
-        let mut offset = 0;
-        for ((table, (name, number, columns, _)), rows) in d.tables.iter().zip(TABLES).zip(rows) {
-            if table.name != name || table.number != number || table.offset != offset || table.shape != [rows, columns]
-            {
-                return Err(wrong(format!(
-                    "table {} is not \"{name}\" of {rows} x {columns} {number} at byte {offset}",
-                    table.name
-                )));
-            }
-            offset += 4 * rows * columns;
-        }
-        if d.tables.len() != TABLES.len() || binary.len() as u64 != offset {
-            return Err(wrong(format!(
-                "{} tables and {} bytes, not {} and {offset}",
-                d.tables.len(),
-                binary.len(),
-                TABLES.len()
-            )));
-        }
+        check_tables(&d, rows, binary.len() as u64)?;
         let mut rest = binary;
         let probes: Vec<u32> = take(&mut rest, rows[0]);
         let planes: Vec<f32> = take(&mut rest, rows[1] * u64::from(PLANE_WORDS));
@@ -290,6 +272,25 @@ fn ktx2(size: [u32; 3], texels: &[u8]) -> Vec<u8> {
     file.resize(first as usize, 0);
     file.extend_from_slice(texels);
     file
+}
+
+/// Checks the tables of a description of so many rows each, in a file of so many bytes.
+fn check_tables(description: &Description, rows: [u64; 4], bytes: u64) -> Result<(), Error> {
+    let tables = &description.tables;
+    let mut offset = 0;
+    for ((table, (name, number, columns, _)), rows) in tables.iter().zip(TABLES).zip(rows) {
+        if table.name != name || table.number != number || table.offset != offset || table.shape != [rows, columns] {
+            let what =
+                format!("table {} is not \"{name}\" of {rows} x {columns} {number} at byte {offset}", table.name);
+            return Err(Error::Probes { what });
+        }
+        offset += 4 * rows * columns;
+    }
+    if tables.len() != TABLES.len() || bytes != offset {
+        let what = format!("{} tables and {bytes} bytes, not {} and {offset}", tables.len(), TABLES.len());
+        return Err(Error::Probes { what });
+    }
+    Ok(())
 }
 
 #[cfg(test)]

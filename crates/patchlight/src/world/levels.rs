@@ -94,28 +94,13 @@ impl Levels {
 /// The lookup of the leaves, and those of each level above them, a voxel of which holds eight of
 /// the one below.
 fn lookups(nodes: &[Node], extra: &Extra) -> Result<(Lookup, Vec<Level>), Error> {
-    let virtual_patch = |node: &Node, voxel: u32| VirtualPatch {
-        position: node.centre,
-        area: node.area,
-        normal: node.normal.normalize_or(Vec3::Y),
-        voxel,
-        albedo: node.albedo,
-        reserved: 0,
-    };
     let settings = LookupSettings::default();
-    let dark = |d: DarkPatch| VirtualPatch {
-        position: d.position,
-        area: 1.0,
-        normal: d.normal.normalize_or(Vec3::Y),
-        voxel: d.voxel,
-        ..VirtualPatch::default()
-    };
     let mut shape = extra.shape;
     let mut own = 0..extra.voxels.len();
     let mut coordinates: Vec<UVec3> = extra.voxels.iter().map(|&voxel| shape.coordinates(voxel)).collect();
     let mut indoors = extra.indoors.clone();
     let leaf = |k: usize| virtual_patch(&nodes[k], extra.voxels[k]);
-    let dark = |k: usize| dark(extra.dark[k]);
+    let dark = |k: usize| dark_patch(extra.dark[k]);
     let lookup = Lookup::with_dark(&shape, (own.len(), leaf), (extra.dark.len(), dark), settings)?;
     let mut levels = Vec::new();
     while nodes[own.clone()].iter().all(|node| node.parent != NO_NODE) {
@@ -158,4 +143,25 @@ fn lookups(nodes: &[Node], extra: &Extra) -> Result<(Lookup, Vec<Level>), Error>
         own = above;
     }
     Ok((lookup, levels))
+}
+
+fn virtual_patch(node: &Node, voxel: u32) -> VirtualPatch {
+    VirtualPatch {
+        position: node.centre,
+        area: node.area,
+        normal: node.normal.normalize_or(Vec3::Y),
+        voxel,
+        albedo: node.albedo,
+        reserved: 0,
+    }
+}
+
+fn dark_patch(dark: DarkPatch) -> VirtualPatch {
+    VirtualPatch {
+        position: dark.position,
+        area: 1.0,
+        normal: dark.normal.normalize_or(Vec3::Y),
+        voxel: dark.voxel,
+        ..VirtualPatch::default()
+    }
 }

@@ -296,7 +296,7 @@ impl Measuring<'_> {
         named: &Named,
         shot: &dyn Fn(u32) -> (Vec<Light>, Camera),
     ) -> Result<Row, Error> {
-        let Self { args, loaded, progress, .. } = *self;
+        let Self { args, loaded, .. } = *self;
         let mut whole = Vec::new();
         let mut by_pass: BTreeMap<&'static str, Vec<f64>> = BTreeMap::new();
         let mut lights = 0;
@@ -317,7 +317,21 @@ impl Measuring<'_> {
                 }
             }
         }
+        let passes = by_pass.into_iter().filter_map(|(pass, t)| Some((pass, PassTimes::of(&t)?.median_ms))).collect();
         let times = PassTimes::of(&whole).unwrap_or(PassTimes { median_ms: 0.0, max_ms: 0.0 });
+        self.row(renderer, named, lights, times, passes)
+    }
+
+    /// The row of so many lights, with the times of whole updates and the medians of their passes.
+    fn row(
+        &self,
+        renderer: &mut PictureRenderer,
+        named: &Named,
+        lights: usize,
+        times: PassTimes,
+        passes: BTreeMap<&'static str, f64>,
+    ) -> Result<Row, Error> {
+        let Self { args, loaded, progress, .. } = *self;
         let Named { method, event, receivers } = *named;
         progress.note(&format!("{}: {method}, {event}: {:.2} ms", loaded.name, times.median_ms));
         let found = renderer.count_updated()?;
@@ -348,7 +362,7 @@ impl Measuring<'_> {
                 visible_points: found.1,
                 bytes: bytes.values().sum(),
             },
-            passes: by_pass.into_iter().filter_map(|(pass, t)| Some((pass, PassTimes::of(&t)?.median_ms))).collect(),
+            passes,
             work,
             bytes,
         })

@@ -298,16 +298,13 @@ fn measure(
     let progress = &Progress::new(common.quiet);
     let loaded = output::import(name, progress)?;
     let scene = &loaded.scene;
-    let settings = BakeSettings::default()
-        .with_patches(kind)
-        .with_patch_count(count)
-        .with_estimator(Estimator::Hemisphere { rays: args.rays })
-        .with_seed(common.seed);
+    let estimator = Estimator::Hemisphere { rays: args.rays };
+    let settings = BakeSettings::default().with_patches(kind).with_patch_count(count);
+    let settings = settings.with_estimator(estimator).with_seed(common.seed);
     let mesh = &progress.phase("sample", |_| make_mesh(scene, &settings))?;
     let start = Instant::now();
-    let found = progress.phase("form_factors", |report| {
-        FormFactors::estimate(scene, mesh, settings.estimator, settings.seed, report)
-    })?;
+    let found = progress
+        .phase("form_factors", |report| FormFactors::estimate(scene, mesh, estimator, settings.seed, report))?;
     let form_factors_s = start.elapsed().as_secs_f64();
     let factors = SymmetricFactors::new(mesh, &found.factors)?;
     drop(found);

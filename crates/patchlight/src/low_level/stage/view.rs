@@ -4,7 +4,7 @@
 
 use gpu_kernels::transport::MarkPixelsPass;
 use runtime::executor::{Executor, ExecutorError};
-use runtime::plan::{BufferId, PassId, Slice};
+use runtime::plan::{BufferId, PassId, Plan, Slice};
 use runtime::recipe::formfactor::{ViewPass, ViewRows};
 use runtime::recipe::patches::WeightPass;
 use runtime::recipe::scene::SceneTables;
@@ -78,21 +78,7 @@ pub fn add(
     let exitance = frame.elements.exitance;
     let plan = &mut frame.plan;
 
-    let mut of_bands = Vec::new();
-    let Indirect::Interpolation { grids, receiver_cells, vertices, .. } = *indirect else { return Ok(None) };
-    for &band in shade.bands() {
-        let mark = MarkPixelsPass {
-            hits: band.of(shade.pixels.hits),
-            points: band.of(shade.pixels.points),
-            triangles: scene.geometry.triangles,
-            grids,
-            receiver_cells,
-            vertices,
-            marks: points.marks,
-        };
-        let params = ViewParams { count: band.count, ..ViewParams::default() };
-        of_bands.push(ViewPass { pass: plan.add(MARK, &mark, &params)?, params });
-    }
+    let Some(of_bands) = mark_bands(plan, scene, indirect, shade, points.marks)? else { return Ok(None) };
     let mark_receivers = [
         tables.weights.mark(plan, MARK, points.marks, received.marks)?,
         tables.smoothing.mark(plan, MARK, smooth.marks, quadrants.marks)?,
@@ -122,6 +108,28 @@ pub fn add(
     };
     shade.add_after_primary(&view.passes());
     Ok(Some(view))
+}
+
+/// Adds the passes that mark the interpolation points of the pixels, band by band; none where pixels take light from
+/// patches.
+fn mark_bands(
+    plan: &mut Plan,
+    scene: &SceneTables,
+    indirect: &Indirect,
+    shade: &Shade,
+    marks: Slice<u32>,
+) -> Result<Option<Vec<ViewPass>>, ExecutorError> {
+    let Indirect::Interpolation { grids, receiver_cells, vertices, .. } = *indirect else { return Ok(None) };
+    let triangles = scene.geometry.triangles;
+    let mut of_bands = Vec::new();
+    for &band in shade.bands() {
+        let hits = band.of(shade.pixels.hits);
+        let points = band.of(shade.pixels.points);
+        let mark = MarkPixelsPass { hits, points, triangles, grids, receiver_cells, vertices, marks };
+        let params = ViewParams { count: band.count, ..ViewParams::default() };
+        of_bands.push(ViewPass { pass: plan.add(MARK, &mark, &params)?, params });
+    }
+    Ok(Some(of_bands))
 }
 
 impl View {

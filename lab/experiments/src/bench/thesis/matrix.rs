@@ -172,31 +172,11 @@ pub(super) fn histogram(study: &Study) -> Result<Outcome, Error> {
         Histogram::of("form factors", entries(n, &subject.factors.rows(subject.factors.channels()))),
         Histogram::of("matrix of 3 bounces", entries(n, &subject.factors.rows(Channels::Three(operators.each_ref())))),
     ];
-    let lower = |bin: usize| 10f64.powf(bin as f64 / BINS as f64 - DECADES as f64);
-    let mut rows: Vec<Vec<String>> =
-        vec![std::iter::once("0".to_owned()).chain(all.iter().map(|h| h.zeros.to_string())).collect()];
-    for bin in 0..DECADES * BINS {
-        let counts = all.iter().map(|h| h.by_decade[bin].to_string());
-        rows.push(std::iter::once(format!("{:.1e} to {:.1e}", lower(bin), lower(bin + 1))).chain(counts).collect());
-    }
-    rows.push(
-        std::iter::once("greatest".to_owned()).chain(all.iter().map(|h| format!("{:.3e}", h.greatest))).collect(),
-    );
-    rows.push(
-        std::iter::once("exceeded by 5 %".to_owned())
-            .chain(all.iter().map(|h| format!("{:.3e}", h.threshold)))
-            .collect(),
-    );
-    rows.push(
-        std::iter::once("share of the sum that these have".to_owned())
-            .chain(all.iter().map(|h| format!("{:.1} %", 100.0 * h.share_of_sum)))
-            .collect(),
-    );
     let by_decade = |h: &Histogram| Series {
         name: h.what.into(),
         points: (0..h.by_decade.len())
             .filter(|&bin| h.by_decade[bin] > 0)
-            .map(|bin| (lower(bin).log10(), (h.by_decade[bin] as f64).log10()))
+            .map(|bin| (lower_end(bin).log10(), (h.by_decade[bin] as f64).log10()))
             .collect(),
     };
     let linear = |h: &Histogram| Series {
@@ -217,13 +197,43 @@ pub(super) fn histogram(study: &Study) -> Result<Outcome, Error> {
         tables: vec![Table {
             caption: format!("Entries of the matrices of {n} patches by their value, the greatest channel of each."),
             head: heads(&["value", "form factors", "matrix of 3 bounces"]),
-            rows,
+            rows: histogram_rows(&all),
         }],
         plots: vec![
             ("logarithmic", plot("log₁₀ of their number", "log₁₀ of value", all.iter().map(by_decade).collect())),
             ("linear", plot("number", "value", all.iter().map(linear).collect())),
         ],
     })
+}
+
+/// Least value of a bin of the decades.
+fn lower_end(bin: usize) -> f64 {
+    10f64.powf(bin as f64 / BINS as f64 - DECADES as f64)
+}
+
+fn histogram_rows(all: &[Histogram]) -> Vec<Vec<String>> {
+    let mut rows: Vec<Vec<String>> =
+        vec![std::iter::once("0".to_owned()).chain(all.iter().map(|h| h.zeros.to_string())).collect()];
+    for bin in 0..DECADES * BINS {
+        let counts = all.iter().map(|h| h.by_decade[bin].to_string());
+        rows.push(
+            std::iter::once(format!("{:.1e} to {:.1e}", lower_end(bin), lower_end(bin + 1))).chain(counts).collect(),
+        );
+    }
+    rows.push(
+        std::iter::once("greatest".to_owned()).chain(all.iter().map(|h| format!("{:.3e}", h.greatest))).collect(),
+    );
+    rows.push(
+        std::iter::once("exceeded by 5 %".to_owned())
+            .chain(all.iter().map(|h| format!("{:.3e}", h.threshold)))
+            .collect(),
+    );
+    rows.push(
+        std::iter::once("share of the sum that these have".to_owned())
+            .chain(all.iter().map(|h| format!("{:.1} %", 100.0 * h.share_of_sum)))
+            .collect(),
+    );
+    rows
 }
 
 /// Errors of a compression in an order.
@@ -282,6 +292,10 @@ pub(super) fn compression(study: &Study) -> Result<Outcome, Error> {
         }
     }
     write_errors(study, n, &pictures)?;
+    Ok(Outcome { rows: value(&found), tables: vec![compression_table(n, &found)], plots: Vec::new() })
+}
+
+fn compression_table(n: usize, found: &[Compressed]) -> Table {
     let line = |row: &Compressed| {
         vec![
             format!("{}, {}", row.settings, row.order),
@@ -290,7 +304,7 @@ pub(super) fn compression(study: &Study) -> Result<Outcome, Error> {
             format!("{} %", significant(100.0 * row.light)),
         ]
     };
-    let table = Table {
+    Table {
         caption: format!(
             "BC1 of the matrix of {BOUNCES} bounces of {n} patches. As printed: values as they are, zeros in the \
              place of the greatest 5 %. Pictures, from the left, brighter alike: as printed before (3.3) and after \
@@ -298,8 +312,7 @@ pub(super) fn compression(study: &Study) -> Result<Outcome, Error> {
         ),
         head: heads(&["compression and order", "MSE in blocks", "MSE of all entries", "error of the light"]),
         rows: found.iter().map(line).collect(),
-    };
-    Ok(Outcome { rows: value(&found), tables: vec![table], plots: Vec::new() })
+    }
 }
 
 /// Pictures of errors side by side, with one scale: white is what one pixel of 200 of the first exceeds.
@@ -379,11 +392,16 @@ pub(super) fn bounces(study: &Study) -> Result<Outcome, Error> {
         ]),
         rows: found.iter().map(cells).collect(),
     };
+    let plot = bounces_plot(&found);
+    Ok(Outcome { rows: value(&found), tables: vec![table], plots: vec![("bounces", plot)] })
+}
+
+fn bounces_plot(found: &[Bounce]) -> Plot {
     let series = |name: &str, of: fn(&Bounce) -> f64| Series {
         name: name.into(),
         points: found.iter().map(|row| (f64::from(row.bounces), of(row))).collect(),
     };
-    let plot = Plot {
+    Plot {
         title: "Light between patches".into(),
         unit: "ms".into(),
         x: "bounces".into(),
@@ -394,8 +412,7 @@ pub(super) fn bounces(study: &Study) -> Result<Outcome, Error> {
             series("matrix", |row| row.matrix_ms),
             series("matrix, BC1", |row| row.bc1_ms),
         ],
-    };
-    Ok(Outcome { rows: value(&found), tables: vec![table], plots: vec![("bounces", plot)] })
+    }
 }
 
 /// Size of a matrix.
@@ -448,6 +465,11 @@ pub(super) fn bytes(study: &Study) -> Result<Outcome, Error> {
             found.push(size(what, operator.bytes(), Some(made_s + seconds)));
         }
     }
+    let plot = sizes_plot(&found);
+    Ok(Outcome { rows: value(&found), tables: vec![sizes_table(&found)], plots: vec![("bytes", plot)] })
+}
+
+fn sizes_table(found: &[Size]) -> Table {
     let cells = |row: &Size| {
         vec![
             row.patches.to_string(),
@@ -457,13 +479,16 @@ pub(super) fn bytes(study: &Study) -> Result<Outcome, Error> {
             row.preparation.map_or_else(|| "–".to_owned(), |share| format!("{:.0} %", 100.0 * share)),
         ]
     };
-    let table = Table {
+    Table {
         caption: "Bytes beside those of form factors of one channel, a number of single precision a pair of patches; \
                   processor time of making the matrix and of compressing it, over that of patches and form factors."
             .into(),
         head: heads(&["patches", "what", "bytes", "of the form factors", "more preprocessing"]),
         rows: found.iter().map(cells).collect(),
-    };
+    }
+}
+
+fn sizes_plot(found: &[Size]) -> Plot {
     let names =
         ["form factors", "matrix of 3 bounces", "matrix, BC1 as printed", "matrix, BC3", "matrix, tiles of 1 % error"];
     let series = |name: &str| Series {
@@ -474,12 +499,11 @@ pub(super) fn bytes(study: &Study) -> Result<Outcome, Error> {
             .map(|row| (row.patches as f64, row.bytes as f64 / 1e6))
             .collect(),
     };
-    let plot = Plot {
+    Plot {
         title: "Bytes".into(),
         unit: "MB".into(),
         x: "patches".into(),
         logarithmic: true,
         series: names.into_iter().map(series).collect(),
-    };
-    Ok(Outcome { rows: value(&found), tables: vec![table], plots: vec![("bytes", plot)] })
+    }
 }
