@@ -179,7 +179,7 @@ fn a_wrong_entry_is_named_with_its_first_frame() {
          indirect differs from frame 2 of 3 on",
         "hall, local, cpu: the table has no such entry",
         "hall, bake, cpu: the bytes of the file differ",
-        "hall, tiles, cpu: not rendered",
+        "hall, low_rank, cpu: not rendered",
     ];
     assert_eq!(differences(&found, &expected, &[CPU]), named);
 }
