@@ -184,7 +184,7 @@ impl<'a> Row<'a> {
                 check_words(&words[2..], options)
             }
             ["patchlight", name, ..] => {
-                check_variant("apps/cli/src/args.rs", name)?;
+                check_variant("apps/cli/src/cli.rs", name)?;
                 check_words(&words[2..], options)
             }
             ["cargo", "test", "--workspace", "--test", name] => check_test_file(name),
