@@ -5,11 +5,11 @@
 //! elements, does not compile. `runtime::plan::Plan::add` adds such a pass to a plan.
 //!
 //! ```
+//! use glam::Vec4;
 //! use patchlight_gpu_kernels::pass::{BufferId, KernelPass, Slice};
 //! use patchlight_gpu_kernels::transport::BouncePass;
-//! use patchlight_scene::Rgb;
 //!
-//! let [source, albedo, irradiance, exitance] = [0, 1, 2, 3].map(|k| BufferId(k).of::<Rgb>());
+//! let [source, albedo, irradiance, exitance] = [0, 1, 2, 3].map(|k| BufferId(k).of::<Vec4>());
 //! let pass = BouncePass { source, albedo, irradiance, exitance };
 //! assert_eq!(pass.ranges().len(), BouncePass::KERNEL.bindings.len());
 //! ```

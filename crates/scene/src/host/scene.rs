@@ -53,7 +53,8 @@ pub struct SceneParts {
 ///
 /// ```
 /// use glam::Vec3;
-/// use patchlight_scene::{Lighting, Material, Scene, SceneParts, Sky, Triangle, TriangleUv};
+/// use patchlight_scene::gpu::{Triangle, TriangleUv};
+/// use patchlight_scene::{Lighting, Material, Scene, SceneParts, Sky};
 ///
 /// let day = Scene::new(SceneParts {
 ///     triangles: vec![Triangle { edge_a: Vec3::Z, edge_b: Vec3::X, ..Triangle::default() }],
