@@ -222,7 +222,8 @@ impl Measuring<'_> {
         let start = Instant::now();
         let set = interruptible(|| light.add_points(&all, PointKind::Irradiance, progress))?;
         let trace_s = start.elapsed().as_secs_f64();
-        let movement = Movement::new(loaded, (Animate::Sun, Some(CameraPath::Fly)), args.frames() + 1, progress);
+        let movement =
+            Movement::new(loaded, (Animate::Sun, Some(CameraPath::Fly)), args.frames() + 1, &Progress::new(true));
         let mut updates = Vec::new();
         for number in 0..=args.frames() {
             let (lights, camera) = self.shot(Event::Move, &movement, number);
