@@ -66,7 +66,7 @@ impl BufferId {
         Range { buffer: self, offset, bytes: Some(bytes) }
     }
 
-    /// The whole buffer as elements of type `T`.
+    /// The whole buffer, read as elements of type `T`.
     pub fn of<T>(self) -> Slice<T> {
         Slice { buffer: self, offset: 0, bytes: None, element: PhantomData }
     }
@@ -83,7 +83,7 @@ pub struct Slice<T> {
 }
 
 impl<T> Slice<T> {
-    /// So many of these elements, from number `first` on. The first byte must be a multiple of
+    /// `count` of these elements, from index `first` on. The first byte must be a multiple of
     /// `runtime::plan::RANGE_ALIGNMENT` in the buffer.
     #[must_use]
     pub fn part(self, first: usize, count: usize) -> Self {
@@ -91,13 +91,13 @@ impl<T> Slice<T> {
         Self { offset: self.offset + stride * first as u64, bytes: Some(stride * count as u64), ..self }
     }
 
-    /// The same bytes as elements of another type.
+    /// Reinterprets the same bytes as elements of another type.
     #[must_use]
     pub fn cast<U>(self) -> Slice<U> {
         Slice { buffer: self.buffer, offset: self.offset, bytes: self.bytes, element: PhantomData }
     }
 
-    /// The bytes.
+    /// The bytes as an untyped range.
     pub fn range(self) -> Range {
         Range { buffer: self.buffer, offset: self.offset, bytes: self.bytes }
     }
@@ -129,12 +129,6 @@ impl<T> From<BufferId> for Slice<T> {
     }
 }
 
-impl<T> From<Slice<T>> for BufferId {
-    fn from(slice: Slice<T>) -> Self {
-        slice.buffer
-    }
-}
-
 impl<T> From<Slice<T>> for Range {
     fn from(slice: Slice<T>) -> Self {
         slice.range()
@@ -158,7 +152,7 @@ pub struct GeometrySlices {
     pub texels: Slice<u32>,
 }
 
-/// The tables of what shines in a scene.
+/// The tables of a scene's lights, emitters and sky.
 #[derive(Clone, Copy, Debug)]
 pub struct LightSlices {
     /// Lights.
@@ -241,7 +235,7 @@ macro_rules! typed_pass {
     (@fields $head:tt [$lights:ident: Lights, $($rest:tt)*] [$($fields:tt)*] [$($names:tt)*]) => {
         $crate::typed_pass! {
             @fields $head [$($rest)*]
-            [$($fields)* #[doc = "What shines in the scene."] pub $lights: $crate::pass::LightSlices,]
+            [$($fields)* #[doc = "Lights, emitters and sky of the scene."] pub $lights: $crate::pass::LightSlices,]
             [$($names)* $lights]
         }
     };

@@ -120,10 +120,6 @@ fn samples_sky(scene: &Scene) -> bool {
     scene.lighting.sky.map_width != 0
 }
 
-fn plan_bytes(plan: &Plan) -> u64 {
-    plan.bytes()
-}
-
 impl Samples {
     /// Adds the passes of `E = emission + Σ_k ρ_k H_d,k / n` over the n points of each slot's node,
     /// W/m².
@@ -230,7 +226,7 @@ impl SlotFrame {
         let scene_tables = SceneTables::new(&mut plan, &mut tables, scene, capacity);
         let lookup = &levels.lookup;
         let lookup_tables = LookupTables::new(&mut plan, &mut tables, lookup);
-        let bytes_of_tables = plan_bytes(&plan);
+        let bytes_of_tables = plan.bytes();
         let slots = settings.slots;
         let samples = Samples::add(&mut plan, &mut tables, &scene_tables, scene, slots)?;
         let on_device = executor.device().kind != DeviceKind::Native;
@@ -243,7 +239,7 @@ impl SlotFrame {
         let pixels = Pixels::add(&mut plan, &scene_tables, scene, lookup_tables, lookup.values, settings, range)?;
         let shown = [pixels.shown, pixels.offset];
         let leaves = LeafLight::new(&mut plan, &mut tables, &levels.tables, irradiance, shown)?;
-        let bytes = plan_bytes(&plan) - bytes_of_tables;
+        let bytes = plan.bytes() - bytes_of_tables;
 
         executor.load(plan)?;
         tables.upload(executor)?;
