@@ -11,7 +11,7 @@ use patches::PatchKind;
 use patchlight::low_level::operator::Codec;
 use patchlight::method::temporal::RowKind;
 use patchlight::method::{FeedbackSettings, FirstShotSettings, LocalSettings, TemporalSettings};
-use patchlight::{Bake, Error, MethodSettings, Picture, PictureRenderer, ReceiverKind, Silent};
+use patchlight::{Bake, ErrorKind, MethodSettings, Picture, PictureRenderer, ReceiverKind, Silent};
 use runtime::cpu::Cpu;
 use runtime::executor::Executor;
 use scene::math::luminance;
@@ -271,7 +271,7 @@ fn methods_that_hold_the_albedo_refuse_another_one_by_name() {
         let mut renderer = setup.load(&loaded, &bake, cpu()).unwrap();
         let before = bits(&picture(&mut renderer, &loaded, lighting));
         let error = renderer.light_mut().set_albedo(&changed).unwrap_err();
-        assert!(matches!(error, Error::AlbedoHeld { method } if method == name), "{error}");
+        assert!(error.to_string().starts_with(&format!("the operator of {name} holds")), "{error}");
         assert!(error.to_string().contains("feedback"), "{error}");
         assert!(bits(&picture(&mut renderer, &loaded, lighting)) == before);
         // That of the bake is not another one.
@@ -279,17 +279,17 @@ fn methods_that_hold_the_albedo_refuse_another_one_by_name() {
         // Nor can such a method be chosen after.
         let mut renderer = classic.load(&loaded, &bake, cpu()).unwrap();
         renderer.light_mut().set_albedo(&changed).unwrap();
-        assert!(matches!(renderer.set_method(method, &Silent), Err(Error::AlbedoHeld { .. })));
+        assert_eq!(renderer.set_method(method, &Silent).unwrap_err().kind(), ErrorKind::Unsupported);
     }
     let mut renderer = classic.load(&loaded, &bake, cpu()).unwrap();
     let count = changed.len();
     let error = renderer.light_mut().set_albedo(&changed[1..]).unwrap_err();
-    assert!(matches!(error, Error::AlbedoCount { expected, found } if expected == count && found == count - 1));
+    assert!(error.to_string().starts_with(&format!("an albedo for {} materials of {count};", count - 1)), "{error}");
     for value in [-0.1, 0.96, f32::NAN, f32::INFINITY] {
         let mut wrong = changed.clone();
         wrong[1] = Some(Vec3::new(0.5, value, 0.5));
         let error = renderer.light_mut().set_albedo(&wrong).unwrap_err();
-        assert!(matches!(error, Error::AlbedoValue { material: 1, .. }), "{error}");
+        assert!(error.to_string().starts_with("material 1 is to reflect"), "{error}");
     }
     let voxels = Setup { receivers: ReceiverKind::Patches, ..setup(PatchKind::Voxel, MethodSettings::Classic) };
     let mut renderer = voxels.renderer(&loaded, cpu()).unwrap();

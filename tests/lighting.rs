@@ -11,7 +11,7 @@ use integration_tests::setup::Setup;
 use integration_tests::vulkan;
 use patchlight::low_level::operator::Codec;
 use patchlight::method::{FeedbackSettings, TemporalSettings};
-use patchlight::{Bake, Error, MethodSettings, PictureRenderer, Pictures, ReceiverUpdate, SampleLight};
+use patchlight::{Bake, MethodSettings, PictureRenderer, Pictures, ReceiverUpdate, SampleLight};
 use runtime::cpu::Cpu;
 use runtime::executor::Executor;
 use scene::{Camera, Lighting};
@@ -403,14 +403,17 @@ fn direct_light_that_does_not_suit_the_samples_is_refused() {
     let count = renderer.light().samples().len();
     let few = vec![Vec3::ONE; count - 1];
     match renderer.light_mut().set_sample_light(SampleLight::Values(&few)) {
-        Err(Error::SampleLightCount { expected, found }) => assert_eq!((expected, found), (count, count - 1)),
+        Err(error) => assert!(
+            error.to_string().contains(&format!("of {} samples, and the bake has {count};", count - 1)),
+            "{error}"
+        ),
         other => panic!("{other:?}"),
     }
     for wrong in [f32::NAN, f32::INFINITY, -1.0] {
         let mut values = vec![Vec3::ONE; count];
         values[7].y = wrong;
         let error = renderer.light_mut().set_sample_light(SampleLight::Values(&values)).unwrap_err();
-        assert!(matches!(error, Error::SampleLightValue { sample: 7, .. }), "{error}");
+        assert!(error.to_string().starts_with("sample 7 is to receive"), "{error}");
     }
     // A plan with room for more lights has another buffer, which the caller has not written.
     picture(&mut renderer, &loaded, &loaded.scene.lighting);
@@ -418,7 +421,7 @@ fn direct_light_that_does_not_suit_the_samples_is_refused() {
     let camera = loaded.view.camera(SIZE.0, SIZE.1);
     for _ in 0..2 {
         let error = renderer.update_light(&lamps(&loaded, 40), &camera).unwrap_err();
-        assert!(matches!(error, Error::SampleLightLost), "{error}");
+        assert!(error.to_string().contains("is another one now"), "{error}");
     }
     renderer.light_mut().set_sample_light(SampleLight::OnDevice).unwrap();
     renderer.update_light(&lamps(&loaded, 40), &camera).unwrap();

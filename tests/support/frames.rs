@@ -7,7 +7,9 @@ use glam::Vec3;
 use patchlight::low_level::operator::Codec;
 use patchlight::memory::resident_bytes;
 use patchlight::method::{FeedbackSettings, FirstShotSettings, LocalSettings, TemporalSettings};
-use patchlight::{Bake, Error, Estimator, MethodSettings, PictureRenderer, Pictures, ReceiverUpdate, Silent};
+use patchlight::{
+    Bake, Error, ErrorKind, Estimator, MethodSettings, PictureRenderer, Pictures, ReceiverUpdate, Silent,
+};
 use runtime::executor::Executor;
 use scene::gpu::{LIGHT_DIRECTIONAL, LIGHT_POINT, LIGHT_SPOT};
 use scene::sampling::{hash3, unit};
@@ -219,7 +221,9 @@ impl<'a> Frames<'a> {
         match self.renderer.set_method(method, &Silent) {
             Ok(()) => self.setup.method = method,
             // Which says so, and leaves the choice to us.
-            Err(Error::AlbedoHeld { .. }) => self.renderer.set_method(self.setup.method, &Silent)?,
+            Err(error) if error.kind() == ErrorKind::Unsupported => {
+                self.renderer.set_method(self.setup.method, &Silent)?
+            }
             Err(error) => return Err(error),
         }
         Ok(())
@@ -233,7 +237,7 @@ impl<'a> Frames<'a> {
         let albedo: Vec<Option<Vec3>> = (0..self.albedo.len()).map(of).collect();
         match self.renderer.light_mut().set_albedo(&albedo) {
             Ok(()) => self.albedo = albedo,
-            Err(Error::AlbedoHeld { .. }) => {}
+            Err(error) if error.kind() == ErrorKind::Unsupported => {}
             Err(error) => return Err(error),
         }
         Ok(())

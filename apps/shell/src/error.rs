@@ -209,43 +209,32 @@ fn with_hint(error: &patchlight::Error) -> String {
 
 /// The options that do what an error of the library advises.
 fn hint(error: &patchlight::Error) -> Option<String> {
-    use patchlight::Error as Library;
-    let options = match error {
-        Library::FirstShotReceivers => "--receivers mesh or pixels",
-        Library::PatchesAsReceivers { .. } => {
-            "--receivers self needs --patches voxel or axis; or choose --receivers mesh"
-        }
-        Library::TooLarge { .. } => {
-            "--receiver-edge or --most-receivers, --patch-count, --method low_rank, --slots, --size; or a larger \
-             --memory-limit"
-        }
-        Library::OperatorMemory { instead, .. } => return Some(format!("--patch-count, --method {instead}")),
-        Library::NoTextureUnit { .. } => "--decode kernel, or another --device",
-        Library::WideBlocks { .. } => "--decode kernel, or a smaller --patch-count",
-        Library::OperatorPanels { .. } => "--memory-limit, --patch-count, --method feedback",
-        Library::DeviceMemory { .. } => "--build-on host, or a smaller --patch-count",
-        Library::TooManyPatches { .. } => "--patches cluster, --method path",
-        Library::TooManyVoxels { .. } => "a larger --voxel-size, or a smaller --patch-count",
-        Library::MemoryLimit { .. } => "--memory-limit, or a larger --voxel-size",
-        Library::Patches(error) => return patches_hint(error).map(str::to_owned),
-        Library::Bake(error) | Library::Local(localmatrix::Error::Bake(error)) => return bake_hint(error),
-        _ => return None,
-    };
-    Some(options.to_owned())
+    if let Some(fault) = error.downcast_ref() {
+        return bake_hint(fault);
+    }
+    let options: Vec<&str> = error.settings().iter().filter_map(|&setting| option(setting)).collect();
+    (!options.is_empty()).then(|| options.join(", "))
 }
 
-fn patches_hint(error: &patches::Error) -> Option<&'static str> {
-    match error {
-        patches::Error::VoxelSizeWithoutVoxels { .. } => {
-            Some("--voxel-size needs --patches voxel or axis; or give --patch-count instead")
-        }
-        patches::Error::Shared(transport::Error::PolygonShape { .. }) => Some("--patches cluster"),
-        patches::Error::LongTriangle { .. } => Some("--receiver-edge, or a smaller --patch-count"),
-        patches::Error::TooMany { .. } | patches::Error::Shared(transport::Error::TooMany { .. }) => {
-            Some("a larger --voxel-size, or a smaller --patch-count")
-        }
-        _ => None,
-    }
+/// The option behind a setting of the library.
+fn option(setting: patchlight::Setting) -> Option<&'static str> {
+    use patchlight::Setting;
+    Some(match setting {
+        Setting::Receivers => "--receivers",
+        Setting::ReceiverEdge => "--receiver-edge",
+        Setting::MaxReceivers => "--most-receivers",
+        Setting::Patches => "--patches",
+        Setting::PatchCount => "--patch-count",
+        Setting::VoxelSize => "--voxel-size",
+        Setting::Method => "--method",
+        Setting::Slots => "--slots",
+        Setting::PictureSize => "--size",
+        Setting::MemoryLimit => "--memory-limit",
+        Setting::BuildOn => "--build-on",
+        Setting::Decode => "--decode",
+        Setting::Device => "--device",
+        _ => return None,
+    })
 }
 
 fn bake_hint(error: &localmatrix::BakeError) -> Option<String> {
@@ -285,12 +274,13 @@ mod tests {
 
     #[test]
     fn errors_of_the_library_name_the_options_that_help() {
-        let error = Error::from(patchlight::Error::NoTextureUnit { device: "card".into() });
-        assert!(error.to_string().contains("card") && error.to_string().contains("--decode kernel"), "{error}");
-        let memory = patchlight::Error::OperatorMemory { patches: 1, needed: 2.0, available: 1.0, instead: "feedback" };
-        assert!(with_hint(&memory).contains("--method feedback") && with_hint(&memory).contains("--patch-count"));
+        let few = patches::Error::LongTriangle { triangle: 4, length: 9.0, cells: 2, limit: 1 };
+        let long = Error::from(few).to_string();
+        assert!(long.contains("(--receiver-edge, --patch-count)"), "{long}");
         let parts = Error::from(localmatrix::BakeError::MissingParts { parts: 3, missing: vec![2] });
-        assert!(parts.to_string().contains("--part K/3"), "{parts}");
+        assert!(parts.to_string().contains("(--part K/3)"), "{parts}");
+        let cancelled = Error::from(transport::Error::Cancelled { done: 1, total: 2 });
+        assert!(!cancelled.to_string().contains("--"), "{cancelled}");
     }
 
     #[test]

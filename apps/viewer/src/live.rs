@@ -180,7 +180,7 @@ impl Live {
         }
         match self.renderer.light_mut().set_albedo(&state.albedo) {
             Ok(()) => self.albedo.clone_from(&state.albedo),
-            Err(error @ patchlight::Error::AlbedoHeld { .. }) => {
+            Err(error) if error.kind() == patchlight::ErrorKind::Unsupported => {
                 state.facts.message = error.to_string();
                 state.albedo.clone_from(&self.albedo);
             }

@@ -10,7 +10,7 @@ use runtime::plan::Slice;
 use scene::{Material, NONE, Rgb, Scene, SurfacePoint};
 
 use crate::bake::{Bake, enough_bounces};
-use crate::error::Error;
+use crate::error::{Error, Reason};
 use crate::low_level::frame::FramePlan;
 use crate::low_level::stage::source::Source;
 
@@ -80,7 +80,7 @@ impl Albedo {
     /// without a changed sample keep what they have.
     ///
     /// # Errors
-    /// [`Error::AlbedoCount`], [`Error::AlbedoValue`].
+    /// [`Input`](crate::ErrorKind::Input), [`ErrorKind::Input`].
     pub(crate) fn new(bake: &Bake, materials: &[u32], changed: &[Option<Vec3>]) -> Result<Self, Error> {
         check(changed, &bake.scene.materials)?;
         let mesh = &bake.mesh;
@@ -123,14 +123,14 @@ impl Albedo {
 
 fn check(changed: &[Option<Vec3>], materials: &[Material]) -> Result<(), Error> {
     if changed.len() != materials.len() {
-        return Err(Error::AlbedoCount { expected: materials.len(), found: changed.len() });
+        return Err(Reason::AlbedoCount { expected: materials.len(), found: changed.len() }.into());
     }
     let is_wrong = |albedo: &Vec3| !(albedo.min_element() >= 0.0 && albedo.max_element() <= MAX_ALBEDO);
     for (material, (albedo, own)) in changed.iter().zip(materials).enumerate() {
         let rest = Vec3::ONE - own.mirror - own.transmittance;
         let is_wrong = |albedo: &Vec3| albedo.is_nan() || is_wrong(albedo) || albedo.cmpgt(rest).any();
         if let Some(value) = albedo.filter(is_wrong) {
-            return Err(Error::AlbedoValue { material, value });
+            return Err(Reason::AlbedoValue { material, value }.into());
         }
     }
     Ok(())

@@ -16,7 +16,7 @@ use serde::{Deserialize, Serialize};
 use transport::{Csr, HitCounts, Observer, Phase};
 
 use crate::energy::EnergyCheck;
-use crate::error::Error;
+use crate::error::{Error, Reason};
 use crate::form_factors::{ElementRows, Estimator, FormFactors, HOST, RowRays};
 use crate::low_level::operator::BakedOperator;
 use crate::memory::check_free;
@@ -433,7 +433,7 @@ pub(crate) fn cut_scene(scene: &Scene, density: &Density, settings: &BakeSetting
 }
 
 fn too_many(triangles: usize, needed: usize) -> Error {
-    Error::TooManyPatches { triangles, needed, limit: MAX_PATCHES }
+    Reason::TooManyPatches { triangles, needed, limit: MAX_PATCHES }.into()
 }
 
 /// Builds the sampler, patches and elements.
@@ -543,7 +543,7 @@ fn place(
 /// Only voxels have a lookup between patches.
 fn check_receivers(settings: &BakeSettings) -> Result<(), Error> {
     if settings.receivers == ReceiverKind::Patches && !settings.patches.has_voxels() {
-        return Err(Error::PatchesAsReceivers { patches: settings.patches.name() });
+        return Err(Reason::PatchesAsReceivers { patches: settings.patches.name() }.into());
     }
     Ok(())
 }

@@ -20,22 +20,67 @@ pub enum ErrorKind {
     Cancelled,
 }
 
-/// Why something failed. Messages name the file, the place and the remedy; [`Error::kind`] says what to do about it.
-#[derive(Debug, thiserror::Error)]
+/// Setting that the remedy of an error concerns; the message says which way to turn it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[non_exhaustive]
-pub enum Error {
+pub enum Setting {
+    /// Where receivers stand.
+    Receivers,
+    /// Distance between receivers on the mesh.
+    ReceiverEdge,
+    /// Greatest number of receivers.
+    MaxReceivers,
+    /// Kind of the patches.
+    Patches,
+    /// Number of patches.
+    PatchCount,
+    /// Edge of the voxels that bound patches.
+    VoxelSize,
+    /// Method, or its options.
+    Method,
+    /// Patches of the local matrix.
+    Slots,
+    /// Size of the picture.
+    PictureSize,
+    /// Memory that may be taken.
+    MemoryLimit,
+    /// Place where an operator is built.
+    BuildOn,
+    /// Unit that decodes texture blocks.
+    Decode,
+    /// Device.
+    Device,
+}
+
+/// Failure of the library. The message names the file, the place and the remedy; [`Error::kind`] says what to do about
+/// it, [`Error::settings`] where.
+///
+/// A method of one's own makes errors with [`Error::new`], or from those of the crates below.
+#[derive(thiserror::Error)]
+#[error(transparent)]
+pub struct Error(Box<Reason>);
+
+impl std::fmt::Debug for Error {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        self.0.fmt(f)
+    }
+}
+
+/// What failed.
+#[derive(Debug, thiserror::Error)]
+pub(crate) enum Reason {
     /// A device or a plan.
     #[error(transparent)]
-    Executor(#[from] runtime::executor::ExecutorError),
+    Executor(runtime::executor::ExecutorError),
     /// Patches or form factors.
     #[error("form factors: {0}")]
-    FormFactor(#[from] formfactor::Error),
+    FormFactor(formfactor::Error),
     /// Virtual patches.
     #[error("patches: {0}")]
-    Patches(#[from] patches::Error),
+    Patches(patches::Error),
     /// Tables, settings and sizes of any method.
     #[error(transparent)]
-    Transport(#[from] transport::Error),
+    Transport(transport::Error),
     /// Photons.
     #[error("photons: {0}")]
     Photons(transport::Error),
@@ -59,7 +104,7 @@ pub enum Error {
     OutputReceivers,
     /// A description that is no JSON, or not that of a probe volume.
     #[error("the description is damaged: {0}; export the probes again")]
-    Json(#[from] serde_json::Error),
+    Json(serde_json::Error),
     /// Files of a probe volume that do not belong together.
     #[error("the probe volume is damaged: {what}; export the probes again")]
     Probes {
@@ -68,13 +113,13 @@ pub enum Error {
     },
     /// A scene, or lighting that does not suit it.
     #[error(transparent)]
-    Scene(#[from] scene::Error),
+    Scene(scene::Error),
     /// The operator of the light between patches.
     #[error("operator: {0}")]
-    Operator(#[from] multibounce::Error),
+    Operator(multibounce::Error),
     /// The matrix round the camera.
     #[error("local matrix: {0}")]
-    Local(#[from] localmatrix::Error),
+    Local(localmatrix::Error),
     /// Matrices that would not fit into memory.
     #[error(
         "the operator of {patches} patches takes {needed:.1} GB while it is made, and {available:.1} GB are free; \
@@ -191,7 +236,7 @@ pub enum Error {
     },
     /// A bake of a world.
     #[error(transparent)]
-    Bake(#[from] localmatrix::BakeError),
+    Bake(localmatrix::BakeError),
     /// A bake of another scene than the one it names now.
     #[error(
         "{} is a bake of {scene} as it was then, and {scene} has changed; bake it again", path.display()
@@ -294,9 +339,49 @@ pub enum Error {
     /// The system gives no thread for a bake in the background.
     #[error("cannot start a thread: {0}; bake without one")]
     Thread(#[source] std::io::Error),
+    /// An error of an application's own method.
+    #[error(transparent)]
+    Own(OwnError),
     /// The user asked to stop.
     #[error("stopped")]
     Cancelled,
+}
+
+/// An error that an application made.
+#[derive(Debug, thiserror::Error)]
+#[error("{source}")]
+pub(crate) struct OwnError {
+    kind: ErrorKind,
+    source: Box<dyn std::error::Error + Send + Sync>,
+}
+
+/// Makes errors of those of the crates below.
+macro_rules! from_errors_of_crates {
+    ($($variant:ident: $source:ty),+ $(,)?) => {
+        $(impl From<$source> for Error {
+            fn from(error: $source) -> Self {
+                Reason::$variant(error).into()
+            }
+        })+
+    };
+}
+
+from_errors_of_crates! {
+    Executor: runtime::executor::ExecutorError,
+    FormFactor: formfactor::Error,
+    Patches: patches::Error,
+    Transport: transport::Error,
+    Json: serde_json::Error,
+    Scene: scene::Error,
+    Operator: multibounce::Error,
+    Local: localmatrix::Error,
+    Bake: localmatrix::BakeError,
+}
+
+impl From<Reason> for Error {
+    fn from(reason: Reason) -> Self {
+        Self(Box::new(reason))
+    }
 }
 
 impl From<runtime::recipe::localmatrix::CopyError> for Error {
@@ -309,43 +394,123 @@ impl From<runtime::recipe::localmatrix::CopyError> for Error {
 }
 
 impl Error {
+    /// An error of an application's own part, such as its [`Method`](crate::Method).
+    pub fn new(kind: ErrorKind, source: impl Into<Box<dyn std::error::Error + Send + Sync>>) -> Self {
+        match kind {
+            ErrorKind::Cancelled => Self::cancelled(),
+            _ => Reason::Own(OwnError { kind, source: source.into() }).into(),
+        }
+    }
+
+    /// The end that an observer asked for.
+    #[must_use]
+    pub fn cancelled() -> Self {
+        Reason::Cancelled.into()
+    }
+
     /// Kind of the error.
+    #[must_use]
     pub fn kind(&self) -> ErrorKind {
-        match self {
+        match &*self.0 {
             _ if self.is_cancelled() => ErrorKind::Cancelled,
-            Self::Executor(error) if error.is_out_of_memory() => ErrorKind::Memory,
-            Self::OperatorMemory { .. }
-            | Self::OperatorPanels { .. }
-            | Self::DeviceMemory { .. }
-            | Self::MemoryLimit { .. }
-            | Self::TooLarge { .. } => ErrorKind::Memory,
-            Self::Executor(_) | Self::Thread(_) => ErrorKind::Device,
-            Self::Write { .. } | Self::Json(_) | Self::Probes { .. } | Self::Bake(_) | Self::OtherScene { .. } => {
-                ErrorKind::File
-            }
-            Self::Medium { .. }
-            | Self::MediumReceivers
-            | Self::FirstShotReceivers
-            | Self::OutputReceivers
-            | Self::PatchesAsReceivers { .. }
-            | Self::NoTextureUnit { .. }
-            | Self::WideBlocks { .. }
-            | Self::NoBlockEncoder { .. }
-            | Self::AlbedoHeld { .. } => ErrorKind::Unsupported,
+            Reason::Executor(error) if error.is_out_of_memory() => ErrorKind::Memory,
+            Reason::OperatorMemory { .. }
+            | Reason::OperatorPanels { .. }
+            | Reason::DeviceMemory { .. }
+            | Reason::MemoryLimit { .. }
+            | Reason::TooLarge { .. } => ErrorKind::Memory,
+            Reason::Executor(_) | Reason::Thread(_) => ErrorKind::Device,
+            Reason::Write { .. }
+            | Reason::Json(_)
+            | Reason::Probes { .. }
+            | Reason::Bake(_)
+            | Reason::OtherScene { .. } => ErrorKind::File,
+            Reason::Medium { .. }
+            | Reason::MediumReceivers
+            | Reason::FirstShotReceivers
+            | Reason::OutputReceivers
+            | Reason::PatchesAsReceivers { .. }
+            | Reason::NoTextureUnit { .. }
+            | Reason::WideBlocks { .. }
+            | Reason::NoBlockEncoder { .. }
+            | Reason::AlbedoHeld { .. } => ErrorKind::Unsupported,
+            Reason::Own(error) => error.kind,
             _ => ErrorKind::Input,
         }
     }
 
+    /// Settings that the remedy concerns, those that help most first; empty where it concerns none.
+    #[must_use]
+    pub fn settings(&self) -> &'static [Setting] {
+        use Setting::{
+            BuildOn, Decode, Device, MaxReceivers, MemoryLimit, Method, PatchCount, Patches, PictureSize, ReceiverEdge,
+            Receivers, Slots, VoxelSize,
+        };
+        match &*self.0 {
+            Reason::FirstShotReceivers | Reason::OutputReceivers | Reason::MediumReceivers => &[Receivers],
+            Reason::PatchesAsReceivers { .. } => &[Patches, Receivers],
+            Reason::TooLarge { .. } => {
+                &[ReceiverEdge, MaxReceivers, PatchCount, Method, Slots, PictureSize, MemoryLimit]
+            }
+            Reason::OperatorMemory { .. } => &[PatchCount, Method],
+            Reason::NoTextureUnit { .. } => &[Decode, Device],
+            Reason::WideBlocks { .. } => &[Decode, PatchCount],
+            Reason::OperatorPanels { .. } => &[MemoryLimit, PatchCount, Method],
+            Reason::DeviceMemory { .. } => &[BuildOn, PatchCount],
+            Reason::TooManyPatches { .. } => &[Patches, Method],
+            Reason::TooManyVoxels { .. } => &[VoxelSize, PatchCount],
+            Reason::MemoryLimit { .. } => &[MemoryLimit, VoxelSize],
+            Reason::Patches(error) => match error {
+                patches::Error::VoxelSizeWithoutVoxels { .. } => &[Patches, PatchCount],
+                patches::Error::Shared(transport::Error::PolygonShape { .. }) => &[Patches],
+                patches::Error::LongTriangle { .. } => &[ReceiverEdge, PatchCount],
+                patches::Error::TooMany { .. } | patches::Error::Shared(transport::Error::TooMany { .. }) => {
+                    &[VoxelSize, PatchCount]
+                }
+                _ => &[],
+            },
+            _ => &[],
+        }
+    }
+
+    /// The error of a crate below, of the system or of [`Error::new`], if it is one of that type.
+    #[must_use]
+    pub fn downcast_ref<E: std::error::Error + 'static>(&self) -> Option<&E> {
+        let inner: &(dyn std::error::Error + 'static) = match &*self.0 {
+            Reason::Executor(error) => error,
+            Reason::FormFactor(error) => error,
+            Reason::Patches(error) => error,
+            Reason::Transport(error) | Reason::Photons(error) => error,
+            Reason::Json(error) => error,
+            Reason::Scene(error) => error,
+            Reason::Operator(error) => error,
+            // A file's fault, however far down it was found.
+            Reason::Local(localmatrix::Error::Bake(error)) | Reason::Bake(error) => error,
+            Reason::Local(error) => error,
+            Reason::Write { source, .. } | Reason::Thread(source) => source,
+            Reason::DeviceMemory { source, .. } => &**source,
+            Reason::Own(error) => &*error.source,
+            _ => return None,
+        };
+        inner.downcast_ref()
+    }
+
+    /// What failed.
+    pub(crate) fn reason(&self) -> &Reason {
+        &self.0
+    }
+
     /// Returns true if the observer asked to stop.
+    #[must_use]
     pub fn is_cancelled(&self) -> bool {
-        match self {
-            Self::Cancelled => true,
-            Self::Transport(error) => is_cancelled(error),
-            Self::FormFactor(formfactor::Error::Shared(error)) => is_cancelled(error),
-            Self::Operator(multibounce::Error::Shared(error)) => is_cancelled(error),
-            Self::Local(localmatrix::Error::Cancelled) => true,
-            Self::Local(localmatrix::Error::Shared(error)) => is_cancelled(error),
-            Self::Patches(patches::Error::Shared(error)) => is_cancelled(error),
+        match &*self.0 {
+            Reason::Cancelled => true,
+            Reason::Transport(error) => is_cancelled(error),
+            Reason::FormFactor(formfactor::Error::Shared(error)) => is_cancelled(error),
+            Reason::Operator(multibounce::Error::Shared(error)) => is_cancelled(error),
+            Reason::Local(localmatrix::Error::Cancelled) => true,
+            Reason::Local(localmatrix::Error::Shared(error)) => is_cancelled(error),
+            Reason::Patches(patches::Error::Shared(error)) => is_cancelled(error),
             _ => false,
         }
     }
@@ -355,5 +520,37 @@ fn is_cancelled(error: &transport::Error) -> bool {
     matches!(error, transport::Error::Cancelled { .. })
 }
 
-/// The result of what can fail here.
+/// Result of what can fail here.
 pub type Result<T> = std::result::Result<T, Error>;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn errors_say_their_kind_their_settings_and_what_lies_below() {
+        let memory: Error =
+            Reason::OperatorMemory { patches: 1, needed: 2.0, available: 1.0, instead: "feedback" }.into();
+        assert_eq!(
+            (memory.kind(), memory.settings()),
+            (ErrorKind::Memory, &[Setting::PatchCount, Setting::Method][..])
+        );
+        assert!(memory.downcast_ref::<transport::Error>().is_none());
+        let own = Error::new(ErrorKind::Device, std::io::Error::other("the cable is loose"));
+        assert_eq!((own.kind(), own.to_string().as_str()), (ErrorKind::Device, "the cable is loose"));
+        assert!(own.downcast_ref::<std::io::Error>().is_some() && own.settings().is_empty());
+        let file =
+            Error::from(localmatrix::Error::Bake(localmatrix::BakeError::MissingParts { parts: 3, missing: vec![] }));
+        assert!(file.downcast_ref::<localmatrix::BakeError>().is_some());
+    }
+
+    #[test]
+    fn an_end_that_was_asked_for_is_of_a_kind_of_its_own() {
+        let below = transport::Error::Cancelled { done: 1, total: 2 };
+        for error in [Error::cancelled(), below.into(), localmatrix::Error::Cancelled.into()] {
+            assert!(error.is_cancelled() && error.kind() == ErrorKind::Cancelled, "{error}");
+        }
+        assert!(Error::new(ErrorKind::Cancelled, "enough").is_cancelled());
+        assert!(!Error::from(localmatrix::Error::NotThere { patch: 1 }).is_cancelled());
+    }
+}

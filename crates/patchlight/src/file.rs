@@ -39,7 +39,7 @@ use transport::{LinearOperator as _, Observer, check_length};
 
 use crate::bake::{Bake, BakeSettings, PatchBake, cut_scene, density_of};
 use crate::energy::EnergyCheck;
-use crate::error::Error;
+use crate::error::{Error, Reason};
 use crate::form_factors::{FormFactors, RowRays};
 use crate::low_level::operator::{BakedOperator, Build, Decode, OperatorKey};
 use crate::method::{MethodSettings, Preparation};
@@ -182,8 +182,8 @@ impl Bake {
     /// build operators.
     ///
     /// # Errors
-    /// As [`Bake::build`]; [`Error::Medium`] for operators of a scene with a medium; what the file says. What was made
-    /// until then stays in `PATH.beginning` for the next run.
+    /// As [`Bake::build`]; [`Unsupported`](crate::ErrorKind::Unsupported) for operators of a scene with a medium; what
+    /// the file says. What was made until then stays in `PATH.beginning` for the next run.
     pub fn build_into(
         path: &Path,
         scene: &Scene,
@@ -193,7 +193,7 @@ impl Bake {
     ) -> Result<Self, Error> {
         let operators = operators(settings);
         if !operators.is_empty() && scene.has_medium() {
-            return Err(Error::Medium { what: "an operator of a method" });
+            return Err(Reason::Medium { what: "an operator of a method" }.into());
         }
         let mut writer = SectionWriter::begin(path, settings.key(&operators))?;
         let head = || Ok::<_, Error>(Head { origin: settings.origin.clone(), settings: settings.kept() });

@@ -9,7 +9,7 @@ use scene::Scene;
 use transport::{Observer, Phase, Proceed};
 
 use crate::bake::{Bake, BakeSettings};
-use crate::error::Error;
+use crate::error::{Error, Reason};
 
 /// Position of a bake in its work.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -59,7 +59,7 @@ impl Bake {
     /// the same bytes for any number of threads.
     ///
     /// # Errors
-    /// [`Error::Thread`] where the system gives no thread.
+    /// [`Device`](crate::ErrorKind::Device) where the system gives no thread.
     pub fn start(scene: &Scene, settings: &BakeSettings, pool: Option<Arc<ThreadPool>>) -> Result<BakeJob, Error> {
         let shared = Arc::new(Shared::default());
         let observer = Arc::clone(&shared);
@@ -69,7 +69,7 @@ impl Bake {
             Some(pool) => pool.install(|| Self::build(&scene, &settings, observer.as_ref())),
             None => Self::build(&scene, &settings, observer.as_ref()),
         };
-        let thread = Builder::new().name("patchlight bake".to_owned()).spawn(work).map_err(Error::Thread)?;
+        let thread = Builder::new().name("patchlight bake".to_owned()).spawn(work).map_err(Reason::Thread)?;
         Ok(BakeJob { shared, thread: Some(thread) })
     }
 }
@@ -104,7 +104,7 @@ impl BakeJob {
         match self.thread.take().map(JoinHandle::join) {
             Some(Ok(outcome)) => outcome,
             Some(Err(panic)) => std::panic::resume_unwind(panic),
-            None => Err(Error::Cancelled),
+            None => Err(Error::cancelled()),
         }
     }
 }

@@ -77,7 +77,7 @@ pub use bake::{Bake, BakeSettings, PatchBake, ReceiverKind};
 #[doc(inline)]
 pub use energy::{EnergyCheck, MeanRatio};
 #[doc(inline)]
-pub use error::{Error, ErrorKind, Result};
+pub use error::{Error, ErrorKind, Result, Setting};
 #[doc(inline)]
 pub use file::{BakeFile, FileSettings, Origin};
 #[doc(inline)]

@@ -21,7 +21,7 @@ use crate::albedo::{Albedo, AlbedoBuffers, sample_materials};
 use crate::bake::{Bake, ReceiverKind};
 #[cfg(feature = "debug-pictures")]
 use crate::debug::{DebugKind, DebugPicture, DebugView};
-use crate::error::Error;
+use crate::error::{Error, Reason};
 use crate::low_level::frame::{FrameInput, FramePlan, FrameTables, LAST_BOUNCES};
 use crate::low_level::operator::{Build, Decode};
 use crate::low_level::stage::gather::ReceiverTables;
@@ -204,7 +204,8 @@ impl LightField {
     /// Makes what the method needs, and loads the plan of the light into the executor.
     ///
     /// # Errors
-    /// An operator that does not fit into memory, a device that is too small, [`Error::Medium`], cancellation.
+    /// An operator that does not fit into memory, a device that is too small,
+    /// [`Unsupported`](crate::ErrorKind::Unsupported) for a scene with a medium, cancellation.
     pub fn new(
         bake: Arc<Bake>,
         mut executor: Box<dyn Executor>,
@@ -218,7 +219,7 @@ impl LightField {
     /// Makes a light field with any method.
     ///
     /// # Errors
-    /// A device that is too small; [`Error::Medium`].
+    /// A device that is too small; [`Unsupported`](crate::ErrorKind::Unsupported) for a scene with a medium.
     pub fn with_method(
         bake: Arc<Bake>,
         mut executor: Box<dyn Executor>,
@@ -226,7 +227,7 @@ impl LightField {
         mut method: Box<dyn Method>,
     ) -> Result<Self, Error> {
         if bake.scene.has_medium() && !method.supports_media() {
-            return Err(Error::Medium { what: "this method" });
+            return Err(Reason::Medium { what: "this method" }.into());
         }
         let scene = bake.scene.clone();
         let loaded = Loaded::load(&bake, &scene, None, executor.as_mut(), method.as_mut(), &mut [])?;
@@ -273,8 +274,8 @@ impl LightField {
     /// plan.
     ///
     /// # Errors
-    /// [`Error::AlbedoHeld`] of a method whose operator holds the albedo, here and from [`Self::set_method`];
-    /// [`Error::AlbedoCount`], [`Error::AlbedoValue`]. Nothing changes then.
+    /// [`Unsupported`](crate::ErrorKind::Unsupported) of a method whose operator holds the albedo, here and from
+    /// [`Self::set_method`]; [`Input`](crate::ErrorKind::Input). Nothing changes then.
     pub fn set_albedo(&mut self, albedo: &[Option<Vec3>]) -> Result<(), Error> {
         let materials =
             self.sample_materials.get_or_insert_with(|| sample_materials(&self.bake.scene, &self.bake.mesh));
@@ -359,7 +360,7 @@ impl LightField {
     /// [`Self::set_sample_light`] gives direct light that is known already.
     ///
     /// # Errors
-    /// Lighting that does not suit the scene; [`Error::SampleLightLost`]; what the device says.
+    /// Lighting that does not suit the scene; [`Input`](crate::ErrorKind::Input); what the device says.
     pub fn update(&mut self, lighting: &Lighting) -> Result<LightUpdate, Error> {
         let (update, _) = self.update_up_to(lighting, true)?;
         Ok(update)
@@ -678,7 +679,7 @@ impl LightField {
                 Vec::new()
             }
             KeptLight::OnDevice { is_written: true } => Vec::new(),
-            KeptLight::OnDevice { is_written: false } => return Err(Error::SampleLightLost),
+            KeptLight::OnDevice { is_written: false } => return Err(Reason::SampleLightLost.into()),
         };
         passes.extend(&self.loaded.source_passes);
         Ok(passes)
@@ -761,11 +762,11 @@ impl LightField {
 
 fn check_sample_light(values: &[Vec3], samples: usize) -> Result<(), Error> {
     if values.len() != samples {
-        return Err(Error::SampleLightCount { expected: samples, found: values.len() });
+        return Err(Reason::SampleLightCount { expected: samples, found: values.len() }.into());
     }
     let is_wrong = |value: &Vec3| !value.is_finite() || value.min_element() < 0.0;
     match values.iter().position(is_wrong) {
-        Some(sample) => Err(Error::SampleLightValue { sample, value: values[sample] }),
+        Some(sample) => Err(Reason::SampleLightValue { sample, value: values[sample] }.into()),
         None => Ok(()),
     }
 }

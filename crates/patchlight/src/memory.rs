@@ -1,6 +1,6 @@
 //! Memory of this process and of the machine, where the system tells (Linux).
 
-use crate::error::Error;
+use crate::error::{Error, Reason};
 
 pub use scene::host::memory::{available_bytes, peak_memory_bytes, resident_bytes};
 
@@ -15,10 +15,10 @@ pub fn free_bytes(limit: Option<u64>) -> Option<u64> {
 /// Refuses what would take more memory than is free.
 ///
 /// # Errors
-/// [`Error::TooLarge`] with what it is, and how to make it smaller.
+/// [`Memory`](crate::ErrorKind::Memory) with what it is, and how to make it smaller.
 pub fn check_free(what: impl Into<String>, needed: f64, limit: Option<u64>, remedy: &'static str) -> Result<(), Error> {
     match free_bytes(limit) {
-        Some(free) if needed > free as f64 => Err(Error::TooLarge { what: what.into(), needed, free, remedy }),
+        Some(free) if needed > free as f64 => Err(Reason::TooLarge { what: what.into(), needed, free, remedy }.into()),
         _ => Ok(()),
     }
 }

@@ -18,7 +18,7 @@ use transport::Observer;
 
 use crate::albedo::Albedo;
 use crate::bake::Bake;
-use crate::error::Error;
+use crate::error::{Error, Reason};
 use crate::low_level::frame::{FrameInput, FramePlan, LAST_BOUNCES};
 use crate::low_level::operator::build::MATRICES;
 use crate::low_level::operator::{Build, Codec, Decode};
@@ -118,10 +118,10 @@ pub trait Method: Send {
     /// too, where the albedo is not that of the bake, before its plan is loaded.
     ///
     /// # Errors
-    /// [`Error::AlbedoHeld`], which methods give that say nothing else.
+    /// [`Unsupported`](crate::ErrorKind::Unsupported), which methods give that say nothing else.
     fn set_albedo(&mut self, albedo: &Albedo, executor: &mut (dyn Executor + 'static)) -> Result<(), Error> {
         let _ = (albedo, executor);
-        Err(Error::AlbedoHeld { method: "this method" })
+        Err(Reason::AlbedoHeld { method: "this method" }.into())
     }
 
     /// Counts what only the device knows of the last frame, for [`Self::report`]; waits.
@@ -208,11 +208,11 @@ impl MethodSettings {
     /// Refuses a scene with a medium, for methods that know of none; asked before anything is baked.
     ///
     /// # Errors
-    /// [`Error::Medium`].
+    /// [`Unsupported`](crate::ErrorKind::Unsupported) for a scene with a medium.
     pub fn check_medium(&self, scene: &Scene) -> Result<(), Error> {
         match self {
             Self::FirstShot(_) => Ok(()),
-            _ if scene.has_medium() => Err(Error::Medium { what: self.name() }),
+            _ if scene.has_medium() => Err(Reason::Medium { what: self.name() }.into()),
             _ => Ok(()),
         }
     }
@@ -221,7 +221,7 @@ impl MethodSettings {
     /// do: they are built panel by panel in a file.
     ///
     /// # Errors
-    /// [`Error::TooLarge`] with what would be smaller.
+    /// [`Memory`](crate::ErrorKind::Memory) with what would be smaller.
     pub fn check_memory(&self, patches: usize, bounces: Option<u32>, build: &Build) -> Result<(), Error> {
         let pairs = |count: usize| (count as f64).powi(2);
         let has_operator = bounces.is_none_or(|bounces| bounces > LAST_BOUNCES);
@@ -236,7 +236,7 @@ impl MethodSettings {
         match *self {
             Self::Multibounce(Codec::LowRank { .. }) => Ok(()),
             Self::Multibounce(codec @ Codec::Blocks(_)) if has_operator && !cfg!(feature = "texture-blocks") => {
-                Err(Error::NoBlockEncoder { codec: codec.name() })
+                Err(Reason::NoBlockEncoder { codec: codec.name() }.into())
             }
             Self::Multibounce(_) if has_operator => check_operator("choose fewer patches, or the low-rank operator"),
             Self::Temporal(TemporalSettings { rows: temporal::RowKind::AllBounces, .. }) if has_operator => {

@@ -22,7 +22,7 @@ use transport::kernel::grid::{cell_count, interpolate_receivers};
 use transport::kernel::view::vertices_at;
 
 use crate::bake::{Bake, ReceiverKind, direct_params};
-use crate::error::Error;
+use crate::error::{Error, Reason};
 use crate::light::LightField;
 
 pub use live::LiveProbes;
@@ -94,7 +94,7 @@ pub fn is_lit(bake: &Bake, point: &SurfacePoint) -> bool {
 /// to the middle of the triangle: a corner itself touches what stands beside it.
 ///
 /// # Errors
-/// [`Error::OutputReceivers`] unless receivers are on the mesh; what the device says.
+/// [`Unsupported`](crate::ErrorKind::Unsupported) unless receivers are on the mesh; what the device says.
 pub fn at_corners(field: &mut LightField, part: LightPart, front: bool) -> Result<Vec<[Vec3; 3]>, Error> {
     let indirect = indirect(field)?;
     let mesh = &field.bake().receivers.interpolation;
@@ -118,7 +118,7 @@ pub fn at_corners(field: &mut LightField, part: LightPart, front: bool) -> Resul
 /// Irradiance at the receivers of a lightmap, W/m², as [`LightmapTexels::picture`] takes them.
 ///
 /// # Errors
-/// [`Error::OutputReceivers`] unless receivers are on the mesh; what the device says.
+/// [`Unsupported`](crate::ErrorKind::Unsupported) unless receivers are on the mesh; what the device says.
 pub fn on_lightmap(field: &mut LightField, lightmap: &LightmapTexels, part: LightPart) -> Result<Vec<Vec4>, Error> {
     let indirect = indirect(field)?;
     let mesh = &field.bake().receivers.interpolation;
@@ -157,7 +157,7 @@ pub fn in_volume(field: &mut LightField, volume: &VoxelVolume, part: LightPart) 
 /// falls on them.
 ///
 /// # Errors
-/// [`Error::OutputReceivers`] unless receivers are on the mesh; what the device says.
+/// [`Unsupported`](crate::ErrorKind::Unsupported) unless receivers are on the mesh; what the device says.
 pub fn on_view(field: &mut LightField, camera: &Camera, part: LightPart) -> Result<Vec<Vec3>, Error> {
     let indirect = indirect(field)?;
     let mesh = &field.bake().receivers.interpolation;
@@ -186,7 +186,7 @@ pub fn illuminance(irradiance: Vec3) -> f32 {
 /// Indirect irradiance at the interpolation points.
 fn indirect(field: &mut LightField) -> Result<Vec<Vec4>, Error> {
     if field.bake().settings.receivers != ReceiverKind::Mesh {
-        return Err(Error::OutputReceivers);
+        return Err(Reason::OutputReceivers.into());
     }
     Ok(field.surface_irradiance()?.iter().map(|h| h.extend(0.0)).collect())
 }

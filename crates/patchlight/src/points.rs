@@ -15,7 +15,7 @@ use scene::{NONE, Rgb, SurfacePoint};
 use transport::{Csr, HitCounts, LinearOperator as _, Observer, Phase};
 
 use crate::bake::ReceiverKind;
-use crate::error::Error;
+use crate::error::{Error, Reason};
 use crate::light::LightField;
 use crate::low_level::frame::FramePlan;
 use crate::observe::run_phase;
@@ -168,8 +168,9 @@ impl LightField {
     /// are dark. Under a light that is found already, theirs is found at once.
     ///
     /// # Errors
-    /// [`Error::Medium`]: rays of form factors know nothing of a medium; a position or a normal that is not finite; a
-    /// device that is too small; cancellation. Nothing is added then.
+    /// [`Unsupported`](crate::ErrorKind::Unsupported) for a scene with a medium: rays of form factors know nothing of a
+    /// medium; a position or a normal that is not finite; a device that is too small; cancellation. Nothing is added
+    /// then.
     pub fn add_points(
         &mut self,
         points: &[Point],
@@ -189,7 +190,7 @@ impl LightField {
         observer: &dyn Observer,
     ) -> Result<PointSet, Error> {
         if self.bake().scene.has_medium() {
-            return Err(Error::Medium { what: "the light of points" });
+            return Err(Reason::Medium { what: "the light of points" }.into());
         }
         check(points, kind)?;
         let rows = self.trace(points, kind, rays, observer)?;
@@ -358,7 +359,9 @@ fn check(points: &[Point], kind: PointKind) -> Result<(), Error> {
         PointKind::Cube | PointKind::HarmonicsL1 => !point.position.is_finite(),
     };
     match points.iter().position(is_wrong) {
-        Some(index) => Err(Error::PointValue { index, position: points[index].position, normal: points[index].normal }),
+        Some(index) => {
+            Err(Reason::PointValue { index, position: points[index].position, normal: points[index].normal }.into())
+        }
         None => Ok(()),
     }
 }

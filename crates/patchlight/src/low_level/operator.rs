@@ -112,7 +112,7 @@ fn in_blocks(
 /// Reports that the encoder is not compiled in.
 #[cfg(not(feature = "texture-blocks"))]
 fn in_blocks(codec: BlockCodec, _: (usize, &MatrixRows), _: u32, _: &Report) -> Result<BlockMatrix, Error> {
-    Err(Error::NoBlockEncoder { codec: Codec::Blocks(codec).name() })
+    Err(crate::error::Reason::NoBlockEncoder { codec: Codec::Blocks(codec).name() }.into())
 }
 
 fn to_planar(exitance: &[Vec4]) -> Vec<Vec4> {

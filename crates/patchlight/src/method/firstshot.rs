@@ -37,7 +37,7 @@ use transport::{Csr, Observer, Patch, Phase, QUADRANTS};
 use super::{Method, MethodReport, Preparation, bytes, passes_so_far};
 use crate::albedo::Albedo;
 use crate::bake::{Bake, ReceiverKind, direct_params};
-use crate::error::Error;
+use crate::error::{Error, Reason};
 use crate::low_level::frame::FramePlan;
 use crate::observe::run_phase;
 
@@ -290,7 +290,7 @@ impl FirstShot {
         seed: u32,
         observer: &dyn Observer,
     ) -> Result<Self, Error> {
-        settings.photons(seed).check().map_err(Error::Photons)?;
+        settings.photons(seed).check().map_err(Reason::Photons)?;
         let maps = run_phase(observer, Phase::MAPS, |_| PatchMaps::new(scene, mesh))?;
         Ok(Self {
             maps: Arc::new(maps),
@@ -388,7 +388,7 @@ impl FirstShot {
             }
             let photons = self.per_batch * u64::from(settings.batches);
             if report(per_mille_done(photons, error, &settings), 1000).is_break() {
-                return Err(Error::Cancelled);
+                return Err(Error::cancelled());
             }
         }
     }
@@ -408,7 +408,7 @@ impl FirstShot {
         let batches = self.settings.photons(self.seed).batches;
         let cells = self.maps.areas().len();
         let areas = self.maps.group_areas.clone();
-        let sums = Sums::from_words(flux, tallies, cells, areas, batches).map_err(Error::Photons)?;
+        let sums = Sums::from_words(flux, tallies, cells, areas, batches).map_err(Reason::Photons)?;
         self.estimate = sums.estimate(self.maps.areas(), self.emission.power, self.per_batch);
         self.sums = Some(sums);
         Ok(())
@@ -552,10 +552,10 @@ impl FirstShotMethod {
     ) -> Result<Self, Error> {
         let bake = Arc::clone(with.bake);
         if bake.settings.receivers == ReceiverKind::Patches {
-            return Err(Error::FirstShotReceivers);
+            return Err(Reason::FirstShotReceivers.into());
         }
         if bake.settings.receivers == ReceiverKind::Pixels && bake.scene.has_medium() {
-            return Err(Error::MediumReceivers);
+            return Err(Reason::MediumReceivers.into());
         }
         let seed = bake.settings.seed;
         let mut shot = FirstShot::new(&bake.scene, &bake.mesh, *settings, seed, with.observer)?;

@@ -13,7 +13,7 @@ use transport::Phase;
 
 use super::{Method, MethodReport, Preparation};
 use crate::albedo::Albedo;
-use crate::error::Error;
+use crate::error::{Error, Reason};
 use crate::low_level::frame::{FrameInput, FramePlan};
 use crate::observe::run_phase;
 
@@ -94,7 +94,7 @@ impl Method for Local {
     }
 
     fn set_albedo(&mut self, _: &Albedo, _: &mut (dyn Executor + 'static)) -> Result<(), Error> {
-        Err(Error::AlbedoHeld { method: "local" })
+        Err(Reason::AlbedoHeld { method: "local" }.into())
     }
 
     fn before_frame(&mut self, input: &FrameInput, _: &mut (dyn Executor + 'static)) -> Result<(), Error> {

@@ -7,7 +7,7 @@ use transport::LinearOperator as _;
 use super::classic::Classic;
 use super::{Method, MethodReport, MethodSettings, Preparation, bytes};
 use crate::albedo::Albedo;
-use crate::error::Error;
+use crate::error::{Error, Reason};
 use crate::low_level::frame::FramePlan;
 use crate::low_level::operator::{Codec, OperatorKey, PatchOperator};
 
@@ -67,7 +67,7 @@ impl Method for Multibounce {
 
     fn set_albedo(&mut self, _: &Albedo, _: &mut (dyn Executor + 'static)) -> Result<(), Error> {
         let is_tiles = matches!(self.codec, Codec::LowRank { .. });
-        Err(Error::AlbedoHeld { method: if is_tiles { "low_rank" } else { "multibounce" } })
+        Err(Reason::AlbedoHeld { method: if is_tiles { "low_rank" } else { "multibounce" } }.into())
     }
 
     fn report(&self) -> MethodReport {

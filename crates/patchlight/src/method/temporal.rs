@@ -13,7 +13,7 @@ use transport::{Csr, HitCounts, LinearOperator as _, Phase};
 use super::{Method, MethodReport, MethodSettings, Preparation, passes_so_far};
 use crate::albedo::Albedo;
 use crate::bake::{Bake, ReceiverKind};
-use crate::error::Error;
+use crate::error::{Error, Reason};
 use crate::low_level::frame::{FrameInput, FramePlan, LAST_BOUNCES};
 use crate::low_level::operator::{OperatorKey, PatchOperator};
 use crate::observe::run_phase;
@@ -279,7 +279,7 @@ impl Method for TemporalMethod {
 
     fn set_albedo(&mut self, _: &Albedo, _: &mut (dyn Executor + 'static)) -> Result<(), Error> {
         match self.has_all_bounces && self.patches.is_some() {
-            true => Err(Error::AlbedoHeld { method: "temporal with the rows of all bounces" }),
+            true => Err(Reason::AlbedoHeld { method: "temporal with the rows of all bounces" }.into()),
             false => Ok(()),
         }
     }

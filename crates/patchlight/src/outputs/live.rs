@@ -8,7 +8,7 @@ use transport::Observer;
 
 use super::is_lit;
 use crate::bake::ReceiverKind;
-use crate::error::Error;
+use crate::error::{Error, Reason};
 use crate::light::LightField;
 use crate::points::{Point, PointKind, PointLight, PointSet};
 
@@ -26,12 +26,12 @@ impl LiveProbes {
     /// sides; no light yet.
     ///
     /// # Errors
-    /// [`Error::OutputReceivers`] unless receivers are on the mesh, which say where light comes; [`Error::Medium`]; a
-    /// scene without room for probes; cancellation.
+    /// [`Unsupported`](crate::ErrorKind::Unsupported) unless receivers are on the mesh, which say where light comes,
+    /// and for a scene with a medium; a scene without room for probes; cancellation.
     pub fn new(field: &mut LightField, count: u32, rays: u32, observer: &dyn Observer) -> Result<Self, Error> {
         let bake = field.bake().clone();
         if bake.settings.receivers != ReceiverKind::Mesh {
-            return Err(Error::OutputReceivers);
+            return Err(Reason::OutputReceivers.into());
         }
         let settings = VolumeSettings { size: VolumeSize::Count(count), ..VolumeSettings::default() };
         let volume = VoxelVolume::new(&bake.scene, &settings, &|point| is_lit(&bake, point))?;

@@ -54,8 +54,9 @@ impl CalculationPlane {
     /// Illuminance under the light of the last update.
     ///
     /// # Errors
-    /// [`Error::OutputReceivers`] unless receivers are on the mesh, [`transport::Error::Setting`] for a height or an
-    /// area that are not finite, [`transport::Error::TooMany`] points; what the device says; cancellation.
+    /// [`Unsupported`](crate::ErrorKind::Unsupported) unless receivers are on the mesh, [`transport::Error::Setting`]
+    /// for a height or an area that are not finite, [`transport::Error::TooMany`] points; what the device says;
+    /// cancellation.
     pub fn light(&self, field: &mut LightField) -> Result<PlaneLight, Error> {
         let mut light = self.grid(field.scene())?;
         let outer = outer_sides(field)?;

@@ -7,7 +7,7 @@ use patches::kernel::volume::{CUBE_SIDES, PLANE_WORDS, SH_COEFFICIENTS, volume_l
 use patches::{EMPTY_CELL, GridShape, VolumeParams, VoxelVolume};
 use serde::{Deserialize, Serialize};
 
-use crate::error::Error;
+use crate::error::{Error, Reason};
 
 /// Format name in the description.
 const FORMAT: &str = "patchlight probes";
@@ -119,7 +119,7 @@ impl ProbeVolume {
     /// The description (JSON) and the tables (binary) that it describes.
     ///
     /// # Errors
-    /// [`Error::Json`], which no volume gives.
+    /// [`File`](crate::ErrorKind::File), which no volume gives.
     pub fn to_files(&self) -> Result<(String, Vec<u8>), Error> {
         let rgb = |values: &[Vec4]| -> Vec<f32> { values.iter().flat_map(|v| v.truncate().to_array()).collect() };
         let cubes = rgb(&self.cubes);
@@ -160,9 +160,9 @@ impl ProbeVolume {
     /// Reads what [`Self::to_files`] wrote.
     ///
     /// # Errors
-    /// [`Error::Json`] and [`Error::Probes`] say what is wrong with the files.
+    /// [`File`](crate::ErrorKind::File), which says what is wrong with the files.
     pub fn from_files(description: &str, binary: &[u8]) -> Result<Self, Error> {
-        let wrong = |what: String| Error::Probes { what };
+        let wrong = |what: String| Error::from(Reason::Probes { what });
         let d: Description = serde_json::from_str(description)?;
         if d.format != FORMAT || d.version != VERSION {
             return Err(wrong(format!(
@@ -282,13 +282,13 @@ fn check_tables(description: &Description, rows: [u64; 4], bytes: u64) -> Result
         if table.name != name || table.number != number || table.offset != offset || table.shape != [rows, columns] {
             let what =
                 format!("table {} is not \"{name}\" of {rows} x {columns} {number} at byte {offset}", table.name);
-            return Err(Error::Probes { what });
+            return Err(Reason::Probes { what }.into());
         }
         offset += 4 * rows * columns;
     }
     if tables.len() != TABLES.len() || bytes != offset {
         let what = format!("{} tables and {bytes} bytes, not {} and {offset}", tables.len(), TABLES.len());
-        return Err(Error::Probes { what });
+        return Err(Reason::Probes { what }.into());
     }
     Ok(())
 }

@@ -13,7 +13,7 @@ use scene::Scene;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
-use crate::error::Error;
+use crate::error::{Error, Reason};
 use crate::memory::resident_bytes;
 use crate::observe::{Report, run_phase, warn_of_specular_materials};
 use transport::{Observer, Phase};
@@ -93,7 +93,8 @@ pub fn job_bytes(settings: &WorldSettings) -> u64 {
 /// Bakes a scene, or a part of it, into a file; goes on where an interrupted run of the same ended.
 ///
 /// # Errors
-/// What the scene, the file or the memory limit says; [`Error::Cancelled`], after which the next run goes on.
+/// What the scene, the file or the memory limit says; [`Cancelled`](crate::ErrorKind::Cancelled), after which the next
+/// run goes on.
 pub fn bake(
     scene: &Scene,
     content_hash: [u8; 32],
@@ -121,7 +122,7 @@ pub fn bake_on(
     observer: &dyn Observer,
 ) -> Result<BakedWorld, Error> {
     if scene.has_medium() {
-        return Err(Error::Medium { what: "a world" });
+        return Err(Reason::Medium { what: "a world" }.into());
     }
     warn_of_specular_materials(scene, observer);
     let key = settings.key();
@@ -193,7 +194,7 @@ pub fn merge(parts: &[PathBuf], path: &Path, observer: &dyn Observer) -> Result<
 
 fn finish(writer: BakeWriter, path: &Path, baked: &mut BakedWorld) -> Result<(), Error> {
     writer.finish()?;
-    baked.bytes = std::fs::metadata(path).map_err(|source| Error::Write { path: path.to_path_buf(), source })?.len();
+    baked.bytes = std::fs::metadata(path).map_err(|source| Reason::Write { path: path.to_path_buf(), source })?.len();
     Ok(())
 }
 
@@ -201,7 +202,7 @@ fn add_parents(writer: &mut BakeWriter, observer: &dyn Observer) -> Result<(), E
     let all = run_phase(observer, Phase::MERGED, |report| {
         writer.add_parents(POINTS, &mut |done, all| report(done as usize, all as usize).is_continue())
     })?;
-    if all { Ok(()) } else { Err(Error::Cancelled) }
+    if all { Ok(()) } else { Err(Error::cancelled()) }
 }
 
 /// Rows that were made, and that were there.
@@ -255,7 +256,7 @@ fn add_rows(
         next = end;
         check_memory("form factors", memory_limit)?;
         if report((next - own.start) as usize, own.len()).is_break() {
-            return Err(Error::Cancelled);
+            return Err(Error::cancelled());
         }
     }
     let count = |blocks: std::ops::Range<u32>| {
@@ -267,7 +268,7 @@ fn add_rows(
 /// More resident memory than is allowed is an error that says what to do.
 pub(super) fn check_memory(phase: &'static str, limit: u64) -> Result<(), Error> {
     match resident_bytes() {
-        Some(used) if used > limit => Err(Error::MemoryLimit { phase, used, limit }),
+        Some(used) if used > limit => Err(Reason::MemoryLimit { phase, used, limit }.into()),
         _ => Ok(()),
     }
 }

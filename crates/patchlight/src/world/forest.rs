@@ -13,7 +13,7 @@ use scene::sampling::{cosine_hemisphere, hammersley, hash3, uniform_triangle, un
 use scene::{NONE, Scene};
 
 use super::bake::{POINTS, WorldSettings, check_memory};
-use crate::error::Error;
+use crate::error::{Error, Reason};
 use crate::observe::{Report, run_phase};
 use transport::{Observer, Phase};
 
@@ -124,7 +124,7 @@ impl Forest {
             let name = "patches";
             let found = drafts.len() as u64;
             let limit = MAX_PATCHES as u64;
-            return Err(Error::TooManyVoxels { name, found, limit });
+            return Err(Reason::TooManyVoxels { name, found, limit }.into());
         }
         let mut world = Self::assemble(shape, drafts, dark);
         world.extra.emission = world.share_out_emitters(scene);
@@ -253,7 +253,7 @@ impl Forest {
 fn find_grid(scene: &Scene, settings: &WorldSettings) -> Result<Grid, Error> {
     let grid = |edge: f32| {
         Grid::new(scene, Vec3::splat(edge)).map_err(|error| match error {
-            patches::Error::TooMany { name, found, limit } => Error::TooManyVoxels { name, found, limit },
+            patches::Error::TooMany { name, found, limit } => Reason::TooManyVoxels { name, found, limit }.into(),
             error => error.into(),
         })
     };
@@ -278,12 +278,12 @@ fn find_grid(scene: &Scene, settings: &WorldSettings) -> Result<Grid, Error> {
                 }
                 found
             }
-            Err(Error::TooManyVoxels { .. }) => f64::INFINITY,
+            Err(error) if matches!(error.reason(), Reason::TooManyVoxels { .. }) => f64::INFINITY,
             Err(error) => return Err(error),
         };
         exponent += if found > target { 1 } else { -1 };
     }
-    best.map(|found| found.1).ok_or(Error::Patches(patches::Error::NoSamples))
+    best.map(|found| found.1).ok_or(patches::Error::NoSamples.into())
 }
 
 /// Fronts of triangles by voxel and axis: about as many as there will be patches.
@@ -329,8 +329,8 @@ fn drafts(
     memory_limit: u64,
     report: &Report,
 ) -> Result<Found, Error> {
-    let sampler = lit_sampler(scene, PROBE_SAMPLES_FOR, Density::default(), settings.seed)?
-        .ok_or(Error::Patches(patches::Error::NoSamples))?;
+    let sampler =
+        lit_sampler(scene, PROBE_SAMPLES_FOR, Density::default(), settings.seed)?.ok_or(patches::Error::NoSamples)?;
     let sampling = SampleSettings { points: FACE_RAYS, seed: settings.seed, ..SampleSettings::default() };
     let mut drafts = Vec::new();
     let mut dark = Vec::new();
@@ -349,11 +349,11 @@ fn drafts(
         dark.extend(unlit.patches.iter().map(|p| DarkPatch { voxel: p.voxel, position: p.position, normal: p.normal }));
         check_memory("patches", memory_limit)?;
         if report(slots.end, grid.len()).is_break() {
-            return Err(Error::Cancelled);
+            return Err(Error::cancelled());
         }
     }
     if drafts.is_empty() {
-        return Err(Error::Patches(patches::Error::NoSamples));
+        return Err(patches::Error::NoSamples.into());
     }
     Ok((drafts, dark))
 }

@@ -19,7 +19,7 @@ use super::bake::WorldSettings;
 use super::forest::Extra;
 use super::levels::Levels;
 use super::slots::{Seen, SlotFrame, SlotNode, SlotSettings};
-use crate::error::Error;
+use crate::error::{Error, Reason};
 use crate::method::local::SHOWN_ALBEDO;
 use crate::picture::Picture;
 
@@ -134,7 +134,7 @@ impl Streamed {
     /// Begins to read a bake of this scene, and loads the plan of its frames into the executor.
     ///
     /// # Errors
-    /// [`Error::OtherScene`] for a bake of another one; what the file and the matrix say; a device
+    /// [`File`](crate::ErrorKind::File) for a bake of another one; what the file and the matrix say; a device
     /// that is too small.
     pub fn new(
         scene: Scene,
@@ -145,7 +145,7 @@ impl Streamed {
     ) -> Result<Self, Error> {
         if file.head.scene != hash {
             let named = scene_of(&file)?;
-            return Err(Error::OtherScene { path: file.path().to_path_buf(), scene: named });
+            return Err(Reason::OtherScene { path: file.path().to_path_buf(), scene: named }.into());
         }
         let extra = Extra::decode(&file.extra).ok_or_else(|| not_a_bake(file.path(), "its voxels are wrong"))?;
         // Each table goes as soon as the next is made of it: they are as large as what stays.
@@ -218,7 +218,7 @@ impl Streamed {
             // A disk that is too slow: coarser nodes do until it comes.
             Err(error) if Error::from(error.clone()).is_cancelled() => {
                 if stopped.get() {
-                    Err(Error::Cancelled)
+                    Err(Error::cancelled())
                 } else {
                     Ok(Step::default())
                 }

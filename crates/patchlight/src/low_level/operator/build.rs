@@ -11,7 +11,7 @@ use runtime::recipe::multiply::{Products, TILE_COLUMNS};
 use transport::{Observer, Phase};
 
 use super::{Codec, PatchOperator, RADIUS_TOLERANCE, SymmetricFactors, growth};
-use crate::error::Error;
+use crate::error::{Error, Reason};
 use crate::memory::{available_bytes, free_bytes};
 use crate::method::Preparation;
 use crate::observe::{Report, run_phase};
@@ -77,12 +77,12 @@ impl Build {
 /// Checks that so many matrices fit into the free memory, where the system says how much that is.
 ///
 /// # Errors
-/// [`Error::OperatorMemory`], with what would do `instead`.
+/// [`Memory`](crate::ErrorKind::Memory), with what would do `instead`.
 pub fn check_memory(patches: usize, matrices: usize, instead: &'static str) -> Result<(), Error> {
     let needed = (matrices * size_of::<f32>()) as f64 * (patches as f64).powi(2) * 1e-9;
     match available_bytes() {
         Some(bytes) if needed > bytes as f64 * 1e-9 => {
-            Err(Error::OperatorMemory { patches, needed, available: bytes as f64 * 1e-9, instead })
+            Err(Reason::OperatorMemory { patches, needed, available: bytes as f64 * 1e-9, instead }.into())
         }
         _ => Ok(()),
     }
@@ -168,7 +168,7 @@ impl Panels<'_> {
         if !matches!(codec, Codec::LowRank { .. }) {
             let needed = (MATRICES * size_of::<f32>()) as f64 * (patches as f64).powi(2) * 1e-9;
             let available = self.bytes as f64 * 1e-9;
-            return Err(Error::OperatorMemory { patches, needed, available, instead: "low_rank" });
+            return Err(Reason::OperatorMemory { patches, needed, available, instead: "low_rank" }.into());
         }
         let stored = self.factors.stored(self.albedo, self.bounces, self.build, self.bytes, observer)?;
         let held = stored.iter().map(|stored| stored.held_bytes).max().unwrap_or(0);
@@ -201,7 +201,7 @@ fn bounces_on(
         observer.note(&format!("operator built on {}", device.device().name));
     }
     match made {
-        Err(error @ Error::DeviceMemory { .. }) if build.on == BuildOn::Auto => {
+        Err(error) if build.on == BuildOn::Auto && matches!(error.reason(), Reason::DeviceMemory { .. }) => {
             observer.note(&format!("{error}; it is built on the host"));
             factors.bounces(albedo, bounces, observer)
         }
@@ -248,7 +248,7 @@ pub(crate) fn some_bounces_on_device(
                 device.run_passes(panel)?;
                 done += 1;
                 if report(done, total).is_break() {
-                    return Err(Error::Cancelled);
+                    return Err(Error::cancelled());
                 }
             }
         }
@@ -290,7 +290,7 @@ pub(crate) fn all_bounces_on_device(
             let block: Vec<f32> = block.col_iter().flat_map(|column| column.iter().copied()).collect();
             inverse.eliminate(device, step, &block)?;
             if report(channel * inverse.blocks() + step + 1, total).is_break() {
-                return Err(Error::Cancelled);
+                return Err(Error::cancelled());
             }
         }
         let table = inverse.download(device)?;
@@ -324,7 +324,7 @@ fn memory_error(error: ExecutorError, n: usize, device: &str) -> Error {
         return error.into();
     }
     let needed = 12e-9 * (n.next_multiple_of(TILE_COLUMNS) as f64).powi(2);
-    Error::DeviceMemory { patches: n, needed, device: device.to_owned(), source: Box::new(error) }
+    Reason::DeviceMemory { patches: n, needed, device: device.to_owned(), source: Box::new(error) }.into()
 }
 
 /// The symmetric form factors, some rows at a time.
@@ -464,8 +464,8 @@ mod tests {
             false => ControlFlow::Break(()),
         };
         let stopped = some_bounces_on_device(&mut cpu, &factors, &albedo, 3, 20_000, &early);
-        assert!(matches!(stopped, Err(Error::Cancelled)), "{stopped:?}");
-        let error = Error::DeviceMemory {
+        assert!(stopped.as_ref().is_err_and(Error::is_cancelled), "{stopped:?}");
+        let error = Reason::DeviceMemory {
             patches: 60_000,
             needed: 43.2,
             device: "a card".into(),

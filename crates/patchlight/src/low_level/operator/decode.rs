@@ -7,7 +7,7 @@ use runtime::executor::{DeviceInfo, DeviceKind};
 use runtime::recipe::multibounce::Decoder;
 
 use super::PatchOperator;
-use crate::error::Error;
+use crate::error::{Error, Reason};
 
 /// Requested decoder.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -49,7 +49,8 @@ impl Decode {
     /// anew for each texel, which takes 1.4 to 4 times as long as the kernel (lavapipe, 1,500 patches).
     ///
     /// # Errors
-    /// As [`Self::check`], and [`Error::WideBlocks`] where the texture unit is asked for in vain.
+    /// As [`Self::check`], and [`Unsupported`](crate::ErrorKind::Unsupported) where the texture unit is asked for in
+    /// vain.
     pub fn on(self, device: &DeviceInfo, matrix: &BlockMatrix) -> Result<Decoder, Error> {
         self.check(device)?;
         let edge = device.max_image_edge;
@@ -57,7 +58,7 @@ impl Decode {
         let fits = needed <= edge as usize;
         match self {
             Self::Texture if !fits => {
-                Err(Error::WideBlocks { device: device.name.clone(), patches: matrix.len(), limit: edge })
+                Err(Reason::WideBlocks { device: device.name.clone(), patches: matrix.len(), limit: edge }.into())
             }
             Self::Auto if !(has_unit(device) && fits && device.kind != DeviceKind::EmulatedOnCpu) => {
                 Ok(Decoder::Kernel)
@@ -70,10 +71,10 @@ impl Decode {
     /// Checks that a device can do it at all: known before there is a matrix.
     ///
     /// # Errors
-    /// [`Error::NoTextureUnit`] where the texture unit is asked for and there is none.
+    /// [`Unsupported`](crate::ErrorKind::Unsupported) where the texture unit is asked for and there is none.
     pub fn check(self, device: &DeviceInfo) -> Result<(), Error> {
         match self {
-            Self::Texture if !has_unit(device) => Err(Error::NoTextureUnit { device: device.name.clone() }),
+            Self::Texture if !has_unit(device) => Err(Reason::NoTextureUnit { device: device.name.clone() }.into()),
             _ => Ok(()),
         }
     }

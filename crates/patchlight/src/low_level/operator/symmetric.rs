@@ -11,7 +11,7 @@ use patches::PatchMesh;
 use transport::{Csr, LinearOperator, Observer, Phase};
 
 use super::build::Build;
-use crate::error::Error;
+use crate::error::{Error, Reason};
 use crate::observe::run_phase;
 
 /// Form factors between patches in symmetric form.
@@ -100,7 +100,7 @@ impl SymmetricFactors {
                     None => all_bounces(self.symmetric()?, &albedo)?,
                     Some(bounces) => some_bounces(&self.symmetric()?, &albedo, bounces, &|_, _| report(channel, 3))?,
                 };
-                if report(channel + 1, 3).is_continue() { Ok(made) } else { Err(Error::Cancelled) }
+                if report(channel + 1, 3).is_continue() { Ok(made) } else { Err(Error::cancelled()) }
             };
             Ok([one(0)?, one(1)?, one(2)?])
         })
@@ -134,7 +134,7 @@ impl SymmetricFactors {
         });
         made.map_err(|error| match error {
             multibounce::Error::Memory { needed, limit } => {
-                Error::OperatorPanels { patches: albedo.len(), needed, left: limit }
+                Reason::OperatorPanels { patches: albedo.len(), needed, left: limit }.into()
             }
             other => other.into(),
         })
