@@ -65,6 +65,8 @@ pub struct Program {
 
 /// The window.
 pub const VIEWER: Program = Program { name: "patchlight-view", build: "cargo build --release -p patchlight-view" };
+/// The command line.
+pub const CLI: Program = Program { name: "patchlight", build: "cargo build --release -p patchlight-cli" };
 /// The experiments.
 pub const BENCH: Program = Program { name: "patchlight-bench", build: "cargo build --release -p patchlight-bench" };
 
@@ -79,6 +81,15 @@ impl Program {
         folders.map(|folder| folder.join(&file)).find(|program| program.is_file())
     }
 
+    /// Path of the program.
+    ///
+    /// # Errors
+    /// [`Error::NoProgram`] where it is not there.
+    pub fn found(self) -> Result<PathBuf, Error> {
+        let reason = "it is neither beside this program nor in PATH";
+        self.find().ok_or_else(|| Error::NoProgram { name: self.name, build: self.build, reason: reason.to_owned() })
+    }
+
     /// Becomes this program with these arguments, or starts it and ends as it ends where the system cannot replace a
     /// process.
     ///
@@ -86,7 +97,7 @@ impl Program {
     /// [`Error::NoProgram`] where it is not there, or does not start.
     pub fn run(self, arguments: &[OsString]) -> Result<ExitCode, Error> {
         let missing = |reason: String| Error::NoProgram { name: self.name, build: self.build, reason };
-        let program = self.find().ok_or_else(|| missing("it is neither beside this program nor in PATH".to_owned()))?;
+        let program = self.found()?;
         let mut command = Command::new(&program);
         command.args(arguments);
         replace_by(&mut command).map_err(|e| missing(format!("{} does not start: {e}", program.display())))

@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 use assets::LoadedScene;
 use egui::{Event, Key, Modifiers, RawInput, Rect, ViewportId, pos2};
 use patchlight::memory::resident_bytes;
-use patchlight::{Bake, Observer, Picture};
+use patchlight::{Bake, BakeJob, Observer, Picture};
 use runtime::cpu::Cpu;
 use runtime::executor::{DeviceChoice, Executor, PassTime};
 use winit::application::ApplicationHandler;
@@ -18,7 +18,7 @@ use winit::window::{Window, WindowId};
 
 use crate::error::Error;
 use crate::fit::fit;
-use crate::live::{Live, check, rgba};
+use crate::live::{Live, check, quality, rgba};
 use crate::methods::MethodDefaults;
 use crate::reference::{Comparer, Job, read};
 use crate::screen::{Gpu, Panels, Screen, Side, Source};
@@ -85,20 +85,21 @@ impl Display {
         Ok(Self { events, gpu })
     }
 
-    /// Shows a bake until the window is closed, or `is_stopped` says so.
+    /// Shows a bake until the window is closed, or `is_stopped` says so; of one that is refined, each level that its
+    /// job has done.
     ///
     /// # Errors
     /// What the window system, Vulkan, the library, a script or a file says.
     pub fn show(
         self,
         loaded: &LoadedScene,
-        bake: Arc<Bake>,
+        (bake, job): (Arc<Bake>, Option<BakeJob>),
         settings: &Settings,
         observer: &dyn Observer,
         is_stopped: &dyn Fn() -> bool,
     ) -> Result<Report, Error> {
         let Self { events, gpu } = self;
-        let app = App::new(&gpu, events.create_proxy(), loaded, bake, settings, (observer, is_stopped))?;
+        let app = App::new(&gpu, events.create_proxy(), loaded, (bake, job), settings, (observer, is_stopped))?;
         let report = run(events, app)?;
         // What is said while devices end, too.
         gpu.check_messages()?;
@@ -123,6 +124,8 @@ struct App<'a> {
     gpu: Arc<Gpu>,
     name: String,
     bake: Arc<Bake>,
+    /// Work on the bake that goes on.
+    job: Option<BakeJob>,
     settings: &'a Settings,
     observer: &'a dyn Observer,
     is_stopped: &'a dyn Fn() -> bool,
@@ -141,6 +144,8 @@ struct App<'a> {
     frames: u32,
     /// Size of the last frame, pixels.
     window_size: (u32, u32),
+    /// When the last frame began.
+    last_frame: Instant,
     /// When the last picture was shown, if the last frame had one.
     last_shown: Option<Instant>,
     /// The size that the window has taken, and since when.
@@ -162,13 +167,15 @@ impl<'a> App<'a> {
         gpu: &Arc<Gpu>,
         proxy: EventLoopProxy<()>,
         loaded: &LoadedScene,
-        bake: Arc<Bake>,
+        (bake, job): (Arc<Bake>, Option<BakeJob>),
         settings: &'a Settings,
         (observer, is_stopped): (&'a dyn Observer, &'a dyn Fn() -> bool),
     ) -> Result<Self, Error> {
         check(&bake)?;
         let mut state = State::new(loaded, &bake, &settings.methods);
         state.sub_frames = settings.sub_frames;
+        state.facts.bake = job.as_ref().map(BakeJob::progress);
+        state.facts.quality = quality(&bake);
         if let Err(why) = state.methods.choose(&settings.method) {
             observer.warn(&format!("{why}; showing {}", state.methods.chosen().name));
         }
@@ -187,6 +194,7 @@ impl<'a> App<'a> {
             gpu: Arc::clone(gpu),
             name: loaded.name.clone(),
             bake,
+            job,
             settings,
             observer,
             is_stopped,
@@ -201,6 +209,7 @@ impl<'a> App<'a> {
             open: None,
             frames: 0,
             window_size: settings.size,
+            last_frame: Instant::now(),
             last_shown: None,
             resized: None,
             next: None,
@@ -239,6 +248,7 @@ impl<'a> App<'a> {
 
     fn frame(&mut self, events: &ActiveEventLoop) -> Result<(), Error> {
         let begun = Instant::now();
+        self.last_frame = begun;
         let Some(mut open) = self.open.take() else { return Ok(()) };
         let drawn = self.frame_of(&mut open, begun, events);
         self.open = Some(open);
@@ -285,6 +295,7 @@ impl<'a> App<'a> {
         drawn: &mut Panels,
         events: &ActiveEventLoop,
     ) -> Result<Option<Vec<PassTime>>, Error> {
+        self.refine(&mut open.live)?;
         let times = open.live.frame(&mut self.state, size, &mut open.screen, self.observer)?;
         self.compare(open, times.is_some())?;
         let mut captures = Vec::new();
@@ -306,6 +317,23 @@ impl<'a> App<'a> {
             self.observer.note(&self.state.facts.message);
         }
         Ok(times)
+    }
+
+    /// Takes the newest level of the bake, if it goes on.
+    fn refine(&mut self, live: &mut Live) -> Result<(), Error> {
+        let Some(job) = &self.job else { return Ok(()) };
+        let is_finished = job.is_finished();
+        let is_new = live.refine(job, &mut self.state, self.observer)?;
+        self.state.facts.bake = Some(job.progress());
+        if is_finished && !is_new {
+            self.state.facts.bake = None;
+            if let Some(Err(error)) = self.job.take().map(BakeJob::join) {
+                // What was made until then stays.
+                self.state.facts.message = format!("the bake is no further refined: {error}");
+                self.observer.warn(&self.state.facts.message);
+            }
+        }
+        Ok(())
     }
 
     /// The events of the window and of the script.
@@ -412,8 +440,11 @@ impl<'a> App<'a> {
     fn is_busy(&self) -> bool {
         let Some(open) = &self.open else { return false };
         let waits_for_paths = self.is_compared && self.script.as_ref().is_some_and(Script::waits_for_samples);
+        let waits_for_bake = self.job.is_some() && self.script.as_ref().is_some_and(Script::waits_for_bake);
         let is_scripted = self.script.as_ref().is_some_and(|script| !script.is_done());
-        is_scripted && !waits_for_paths || !open.live.is_settled() || self.state.compares() && !self.is_compared
+        is_scripted && !waits_for_paths && !waits_for_bake
+            || !open.live.is_settled()
+            || self.state.compares() && !self.is_compared
     }
 }
 
@@ -465,6 +496,11 @@ impl ApplicationHandler for App<'_> {
         let now = Instant::now();
         let Some(open) = &self.open else { return };
         let is_hidden = open.window.is_minimized() == Some(true);
+        if self.job.is_some() {
+            // The bar moves, and a level may be done.
+            let look = self.last_frame + LOOK;
+            self.next = Some(self.next.map_or(look, |next| next.min(look)));
+        }
         let is_due = self.next.is_some_and(|next| next <= now) || self.resized.is_some();
         if !is_hidden && (self.is_busy() || is_due) {
             open.window.request_redraw();

@@ -2,12 +2,12 @@
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use std::time::Duration;
 
 use assets::import::LoadedScene;
 use clap::{ArgMatches, Args};
-use patchlight::low_level::operator::{BakedOperator, Build, BuildOn, Decode, OperatorKey};
-use patchlight::method::Preparation;
-use patchlight::{Bake, MethodSettings};
+use patchlight::low_level::operator::Build;
+use patchlight::{Bake, BakeJob, MethodSettings, Refinement};
 use runtime::executor::DeviceChoice;
 use serde::Serialize;
 use shell::Error;
@@ -16,9 +16,9 @@ use shell::args::idle::warn_of_idle;
 use shell::args::{
     BakeOptions, Common, Input, LocalArgs, Method, MethodOptions, OperatorSettings, TemporalOptions, parse_purpose,
 };
-use shell::opened::{self, Opened, best_method, open_device, operator_of};
+use shell::opened::{Opened, best_method, open_device, operator_of};
 use shell::output;
-use shell::progress::{Progress, interruptible, is_cancelled};
+use shell::progress::{Progress, is_cancelled};
 
 mod idle;
 
@@ -91,6 +91,10 @@ fn parse_sub_frames(text: &str) -> Result<u32, String> {
     text.parse().ok().filter(|count| known.contains(count)).ok_or_else(|| format!("`{text}`: choose from {known:?}"))
 }
 
+/// Time between looks at a bake, and the steps of its bar.
+const LOOK: Duration = Duration::from_millis(10);
+const STEPS: f32 = 1000.0;
+
 /// Report of what was shown, for `--json`.
 #[derive(Serialize)]
 struct Summary {
@@ -116,10 +120,10 @@ pub fn run(common: &Common, args: &View, matches: &ArgMatches) -> Result<(), Err
     output::check_out(&common.out)?;
     // Before minutes of baking.
     let display = Display::open().map_err(window)?;
-    let (loaded, bake) = match input {
+    let (loaded, bake, job) = match input {
         Input::Bake => {
             let Opened { loaded, bake, .. } = Opened::read(Path::new(&args.scene), &progress)?;
-            (loaded, bake)
+            (loaded, Arc::new(bake), None)
         }
         Input::Scene | Input::World => bake(common, args, &progress)?,
     };
@@ -134,7 +138,7 @@ pub fn run(common: &Common, args: &View, matches: &ArgMatches) -> Result<(), Err
         out: output::folder_or(&common.out, &format!("{}-view", loaded.name)),
         seed: common.seed,
     };
-    let report = display.show(&loaded, Arc::new(bake), &settings, &progress, &is_cancelled).map_err(window)?;
+    let report = display.show(&loaded, (bake, job), &settings, &progress, &is_cancelled).map_err(window)?;
     if is_cancelled() {
         return Err(Error::Cancelled);
     }
@@ -146,8 +150,8 @@ fn window(error: crate::Error) -> Error {
     Error::Window(Box::new(error))
 }
 
-/// A new bake of a scene, with the operators that are asked for.
-fn bake(common: &Common, args: &View, progress: &Progress) -> Result<(LoadedScene, Bake), Error> {
+/// The first level of a bake of a scene, with the operators that are asked for, and the job that refines it.
+fn bake(common: &Common, args: &View, progress: &Progress) -> Result<(LoadedScene, Arc<Bake>, Option<BakeJob>), Error> {
     let memory_limit = args.operators.memory_limit;
     let loaded = output::import_within(&args.scene, memory_limit, progress)?;
     let of_scene = |error: patchlight::Error| Error::of_scene(error, &args.scene);
@@ -159,21 +163,30 @@ fn bake(common: &Common, args: &View, progress: &Progress) -> Result<(LoadedScen
         let check = |m: &MethodSettings| m.check_memory(settings.patch_count, settings.bounces, &build);
         methods.iter().try_for_each(check).map_err(of_scene)?;
     }
-    let mut device = open_device(common, progress)?;
-    let built = opened::build(device.as_mut(), BuildOn::Auto, &loaded.scene, &settings, progress);
-    let mut bake = built.map_err(of_scene)?;
-    if bake.mesh().patches.is_empty() {
-        return Ok((loaded, bake));
+    // A device of its own, so that frames go on beside it.
+    let device = open_device(common, progress)?;
+    let refinement = Refinement::default().with_methods(methods).with_build(build).with_device(Some(device));
+    let job = Bake::refine(&loaded.scene, &settings, refinement).map_err(of_scene)?;
+    let first = progress.phase("first light", |steps| {
+        loop {
+            if let Some(bake) = job.take_newest() {
+                return Some(bake);
+            }
+            let is_stopped = steps((STEPS * job.progress().share) as usize, STEPS as usize).is_break();
+            if is_stopped || job.is_finished() {
+                return job.take_newest().filter(|_| !is_stopped);
+            }
+            std::thread::sleep(LOOK);
+        }
+    });
+    match first {
+        Some(bake) => Ok((loaded, bake, Some(job))),
+        // It has failed, or the user asked to stop.
+        None => {
+            job.cancel();
+            Err(job.join().err().map_or(Error::Cancelled, of_scene))
+        }
     }
-    let shared = Arc::new(bake.clone());
-    let serves = |method: &&MethodSettings| method.check_medium(&loaded.scene).is_ok();
-    for key in methods.iter().filter(serves).filter_map(|method| OperatorKey::of(method, &settings)) {
-        let eye = loaded.view.eye;
-        let with = Preparation { bake: &shared, decode: Decode::Auto, build: &build, eye, observer: progress };
-        let made = interruptible(|| key.find_or_build(&with, device.as_mut())).map_err(of_scene)?;
-        bake.add_operator(BakedOperator { key, operator: made });
-    }
-    Ok((loaded, bake))
 }
 
 fn defaults(args: &View, exposure_stops: f32, seed: u32) -> MethodDefaults {

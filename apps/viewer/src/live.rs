@@ -7,8 +7,8 @@ use patchlight::debug::DebugKind;
 use patchlight::low_level::operator::{Build, Decode};
 use patchlight::outputs::LiveProbes;
 use patchlight::{
-    Bake, LightSettings, MethodSettings, Observer, Picture, PictureRenderer, PictureSettings, PixelLight, ReceiverKind,
-    ReceiverUpdate,
+    Bake, BakeJob, LightSettings, MethodSettings, Observer, Picture, PictureRenderer, PictureSettings, PixelLight,
+    ReceiverKind, ReceiverUpdate,
 };
 use runtime::executor::{Executor, PassTime};
 use scene::{Camera, Scene, stops_to_scale};
@@ -152,6 +152,19 @@ impl Live {
         Ok((camera, done.pictures.full))
     }
 
+    /// Takes the newest level of a bake that is refined; true if there was one.
+    ///
+    /// # Errors
+    /// What the library says.
+    pub fn refine(&mut self, job: &BakeJob, state: &mut State, observer: &dyn Observer) -> Result<bool, Error> {
+        let is_new = self.renderer.refine(job, observer)?;
+        if is_new {
+            self.last = None;
+            state.facts.quality = quality(self.renderer.light().bake());
+        }
+        Ok(is_new)
+    }
+
     fn set_method(&mut self, state: &mut State, observer: &dyn Observer) -> Result<(), Error> {
         let chosen = state.methods.chosen().clone();
         if chosen.settings == self.method.1 {
@@ -244,6 +257,19 @@ impl Live {
     fn times(&mut self, mut times: Vec<PassTime>) -> Result<Vec<PassTime>, Error> {
         times.extend(self.renderer.light_mut().executor_mut().finished_times()?);
         Ok(times)
+    }
+}
+
+/// What a bake says of itself: its size, and the estimate of its error.
+pub fn quality(bake: &Bake) -> String {
+    let sizes = format!("{} patches, {} receivers", bake.mesh().patches.len(), bake.receivers().points.len());
+    match bake.energy().and_then(|energy| energy.near) {
+        Some(near) => format!(
+            "{sizes}; mean indirect light {:+.1} % (± {:.1} %) beside rays",
+            100.0 * (near.ratio - 1.0),
+            100.0 * near.standard_error
+        ),
+        None => sizes,
     }
 }
 

@@ -1,6 +1,6 @@
 //! Panels over the picture: everything that can be changed, with the reason where it cannot.
 
-use egui::{Color32, DragValue, Frame, Panel, RichText, ScrollArea, Slider, Ui, Window};
+use egui::{Color32, DragValue, Frame, Panel, ProgressBar, RichText, ScrollArea, Slider, Ui, Window};
 use egui_plot::{Legend, Line, Plot, PlotPoints};
 use glam::Vec3;
 use patchlight::method::{FeedbackSettings, FirstShotSettings, LocalSettings, TemporalSettings};
@@ -49,6 +49,7 @@ pub fn show(ui: &mut Ui, state: &mut State) {
 
 fn sections(ui: &mut Ui, state: &mut State) {
     header(ui, state);
+    bake(ui, state);
     ui.separator();
     section(ui, "Method", true, |ui| methods(ui, state));
     section(ui, "Sun", true, |ui| sun(ui, state));
@@ -81,6 +82,24 @@ fn header(ui: &mut Ui, state: &mut State) {
             ui.label(format!("{:.0} ms", rate.total));
         }
     });
+}
+
+/// Progress of a bake that is refined, and what it says of its error.
+fn bake(ui: &mut Ui, state: &State) {
+    if let Some(progress) = &state.facts.bake {
+        let phase = progress.phase.map_or("begins", |phase| phase.name());
+        let text = format!(
+            "level {} of {}: {} ({:.0} %)",
+            progress.level + 1,
+            progress.levels,
+            phase.replace('_', " "),
+            100.0 * progress.share
+        );
+        ui.add(ProgressBar::new(progress.share).text(text));
+    }
+    if !state.facts.quality.is_empty() {
+        ui.label(RichText::new(&state.facts.quality).small());
+    }
 }
 
 fn help(ui: &mut Ui) {

@@ -6,6 +6,7 @@
 use std::collections::VecDeque;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
+use std::time::Instant;
 
 use egui::{Event, Key, Modifiers, MouseWheelUnit, PointerButton, Pos2, TouchPhase, pos2, vec2};
 use glam::Vec3;
@@ -25,6 +26,8 @@ const MAX_RESIZE_FRAMES: u32 = 600;
 /// The commands, for the help of the program.
 pub const HELP: &str = "\
 wait N                       N frames
+baked                        until the bake has the settings asked for
+seconds N                    so long, by the clock
 samples N                    until the path tracer has N paths a pixel
 key NAME [N]                 hold a key for N frames (W, A, S, D, Q, E, Tab, F1, Home, 1 to 9 …)
 shift NAME [N]               the same with Shift
@@ -86,6 +89,8 @@ enum ObjectChange {
 #[derive(Clone, Debug, PartialEq)]
 enum Command {
     Wait(u32),
+    Baked,
+    Seconds(f32),
     Samples(u32),
     Key { key: Key, frames: u32, is_shift: bool },
     Drag { from: Pos2, to: Pos2 },
@@ -116,8 +121,9 @@ enum Command {
 pub struct Script {
     path: PathBuf,
     commands: VecDeque<(usize, Command)>,
-    /// Frames that the first command has taken.
+    /// Frames that the first command has taken, and when it began.
     taken: u32,
+    begun: Instant,
 }
 
 impl Script {
@@ -137,7 +143,7 @@ impl Script {
                 Words(&words).command().map_err(|reason| ScriptError { path: path.to_path_buf(), line, reason })?;
             commands.push_back((line, command));
         }
-        Ok(Self { path: path.to_path_buf(), commands, taken: 0 })
+        Ok(Self { path: path.to_path_buf(), commands, taken: 0, begun: Instant::now() })
     }
 
     /// Returns true if there is nothing left to do.
@@ -148,6 +154,11 @@ impl Script {
     /// Returns true if it waits for the path tracer.
     pub fn waits_for_samples(&self) -> bool {
         self.taken > 0 && matches!(self.commands.front(), Some((_, Command::Samples(_))))
+    }
+
+    /// Returns true if it waits for the bake or the clock: nothing is to be hurried.
+    pub fn waits_for_bake(&self) -> bool {
+        self.taken > 0 && matches!(self.commands.front(), Some((_, Command::Baked | Command::Seconds(_))))
     }
 
     /// Goes on by one frame: changes the state, and adds the events of keys and pointer, in points of a window so large
@@ -166,6 +177,7 @@ impl Script {
             if is_over {
                 self.commands.pop_front();
                 self.taken = 0;
+                self.begun = Instant::now();
             } else {
                 self.taken += 1;
             }
@@ -186,6 +198,8 @@ impl Script {
     ) -> Result<bool, String> {
         match command {
             Command::Wait(frames) => return Ok(self.taken >= *frames),
+            Command::Baked => return Ok(state.facts.bake.is_none()),
+            Command::Seconds(seconds) => return Ok(self.begun.elapsed().as_secs_f32() >= *seconds),
             Command::Samples(samples) => {
                 if !state.compares() || state.facts.reference.is_some() {
                     return Err("no paths are traced; write `split 0.5` before, without a reference in a file".into());
@@ -334,6 +348,8 @@ fn apply(command: &Command, state: &mut State) -> Result<(), String> {
         Command::Quit => state.requests.push(Request::Quit),
         // What takes frames is in `Script::run`.
         Command::Wait(_)
+        | Command::Baked
+        | Command::Seconds(_)
         | Command::Samples(_)
         | Command::Key { .. }
         | Command::Drag { .. }
@@ -399,7 +415,7 @@ struct Words<'a>(&'a [&'a str]);
 impl Words<'_> {
     fn command(&self) -> Result<Command, String> {
         match self.0[0] {
-            "wait" | "samples" | "key" | "shift" | "drag" | "wheel" | "size" => self.input(),
+            "wait" | "baked" | "seconds" | "samples" | "key" | "shift" | "drag" | "wheel" | "size" => self.input(),
             "sun-hour" | "sun-day" | "latitude" => self.sun(),
             "light" => self.light(),
             "emission" | "albedo" => self.material(),
@@ -420,6 +436,11 @@ impl Words<'_> {
         let words = self.0;
         Ok(match words[0] {
             "wait" => Command::Wait(self.only("N")?),
+            "baked" => {
+                self.count(1..=1, "")?;
+                Command::Baked
+            }
+            "seconds" => Command::Seconds(self.only("N")?),
             "samples" => Command::Samples(self.only("N")?),
             "wheel" => Command::Wheel(self.only("STEPS")?),
             "drag" => {

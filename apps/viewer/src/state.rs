@@ -6,7 +6,7 @@ use assets::LoadedScene;
 use assets::import::Target;
 use glam::Vec3;
 use patchlight::debug::DebugKind;
-use patchlight::{Bake, MethodSettings, ReceiverKind};
+use patchlight::{Bake, BakeProgress, MethodSettings, ReceiverKind};
 use reference::PictureErrors;
 use scene::{Material, NONE};
 
@@ -103,6 +103,10 @@ pub struct Facts {
     pub comparison: Option<Comparison>,
     /// Name of the file that is the reference; paths without.
     pub reference: Option<String>,
+    /// Position of the bake in its work; none of one that is done.
+    pub bake: Option<BakeProgress>,
+    /// What the bake that is shown says of itself.
+    pub quality: String,
     /// The last thing worth telling.
     pub message: String,
 }

@@ -12,11 +12,13 @@ use std::time::{Duration, Instant};
 use glam::Vec3;
 use patchlight::low_level::operator::{Build, Codec};
 use patchlight::{
-    Bake, BakeSettings, FileSettings, LightSettings, MethodSettings, Origin, PictureRenderer, PictureSettings, Silent,
+    Bake, BakeSettings, Estimator, FileSettings, LightSettings, MethodSettings, Origin, PictureRenderer,
+    PictureSettings, Silent,
 };
 use program::{command, fails, leftovers, run, text};
 use runtime::cpu::Cpu;
 use scene::{Lighting, stops_to_scale};
+use shell::args::common::FocusChoice;
 
 /// Size of the window, pixels.
 const SIZE: (u32, u32) = (160, 120);
@@ -215,6 +217,32 @@ fn the_window_shows_the_pictures_of_the_library() {
         }
         assert_eq!(leftovers(&out), Vec::<String>::new());
     }
+}
+
+#[test]
+fn a_scene_is_shown_before_its_bake_is_done_and_ends_as_that() {
+    let Some(display) = Xvfb::start() else { return };
+    let folder = tempfile::tempdir().unwrap();
+    let loaded = assets::load_or_build("cornell").unwrap();
+    let script = "panels off\nwait 1\nscreenshot first.png\nseconds 0.1\nbaked\nscreenshot last.png\nquit";
+    let options = ["--patch-count", "2400", "--receiver-rays", "64", "--rays", "512", "--method", "classic"];
+    show(&display, folder.path(), "cornell", script, &[&options[..], &["--for", "classic"]].concat());
+    let settings = BakeSettings::default()
+        .with_patch_count(2400)
+        .with_receiver_rays(64)
+        .with_estimator(Estimator::Hemisphere { rays: 512 })
+        .with_focus(FocusChoice::default().focus(&loaded, &loaded.animation));
+    let bake = Arc::new(Bake::build(&loaded.scene, &settings, &Silent).unwrap());
+    let pictures = PictureSettings::default().with_size(SIZE).with_sub_frames(1);
+    let light = LightSettings::default();
+    let mut renderer = PictureRenderer::of_bake(bake, Box::new(Cpu::new()), &light, &pictures, &Silent).unwrap();
+    let camera = loaded.view.camera(SIZE.0, SIZE.1);
+    let expected = renderer.picture(&loaded.scene.lighting, &camera, 0).unwrap().pictures.full;
+    let expected = expected.displayed_bytes(stops_to_scale(loaded.exposure_stops));
+    assert_eq!(difference(&screenshot(&folder.path().join("last.png")).1, &expected).1, 0);
+    // The first level is a picture of the same room, and another one.
+    let (greatest, wrong) = difference(&screenshot(&folder.path().join("first.png")).1, &expected);
+    assert!(wrong > 100 && greatest < 128, "{greatest} {wrong}");
 }
 
 #[test]

@@ -80,7 +80,7 @@ impl Albedo {
     /// without a changed sample keep what they have.
     ///
     /// # Errors
-    /// [`Input`](crate::ErrorKind::Input), [`ErrorKind::Input`].
+    /// [`Input`](crate::ErrorKind::Input).
     pub(crate) fn new(bake: &Bake, materials: &[u32], changed: &[Option<Vec3>]) -> Result<Self, Error> {
         check(changed, &bake.scene.materials)?;
         let mesh = &bake.mesh;

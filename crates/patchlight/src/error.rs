@@ -339,6 +339,15 @@ pub(crate) enum Reason {
     /// The system gives no thread for a bake in the background.
     #[error("cannot start a thread: {0}; bake without one")]
     Thread(#[source] std::io::Error),
+    /// Another bake for a method that the caller made.
+    #[error(
+        "a method of the application's own is of the bake that it was made for; make a light field of the new bake, \
+         with a new method"
+    )]
+    OwnMethod,
+    /// The system gives no pool of threads.
+    #[error("cannot start threads: {0}; give the bake a pool that is there")]
+    Threads(String),
     /// An error of an application's own method.
     #[error(transparent)]
     Own(OwnError),
@@ -419,7 +428,7 @@ impl Error {
             | Reason::DeviceMemory { .. }
             | Reason::MemoryLimit { .. }
             | Reason::TooLarge { .. } => ErrorKind::Memory,
-            Reason::Executor(_) | Reason::Thread(_) => ErrorKind::Device,
+            Reason::Executor(_) | Reason::Thread(_) | Reason::Threads(_) => ErrorKind::Device,
             Reason::Write { .. }
             | Reason::Json(_)
             | Reason::Probes { .. }
@@ -433,6 +442,7 @@ impl Error {
             | Reason::NoTextureUnit { .. }
             | Reason::WideBlocks { .. }
             | Reason::NoBlockEncoder { .. }
+            | Reason::OwnMethod
             | Reason::AlbedoHeld { .. } => ErrorKind::Unsupported,
             Reason::Own(error) => error.kind,
             _ => ErrorKind::Input,

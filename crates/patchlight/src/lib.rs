@@ -21,6 +21,9 @@
 //! This crate is the only one that an application needs: `scene`, `runtime`, `transport` and `glam` are
 //! re-exported, what is needed of them most often by its own name.
 //!
+//! A bake takes minutes in large scenes. [`Bake::refine`] begins with a coarse one, made in seconds, and goes on in the
+//! background; [`PictureRenderer::refine`] takes each finer level between two frames.
+//!
 //! Units: metres; exitance and irradiance W/m², radiance W/m²/sr, linear Rec.709 RGB.
 //! Equation: `B = E + ρ H`, `H = F B` (Goral et al. 1984).
 //!
@@ -67,6 +70,7 @@ pub mod picture;
 pub mod pictures;
 mod pixels;
 pub mod points;
+pub mod refine;
 mod settings;
 pub mod world;
 
@@ -104,6 +108,8 @@ pub use pictures::{FrameResult, PendingPicture, PictureRenderer, PictureSettings
 pub use pixels::PixelGather;
 #[doc(inline)]
 pub use points::{Point, PointKind, PointLight, PointSet};
+#[doc(inline)]
+pub use refine::Refinement;
 pub use transport::{Observer, Phase, Silent};
 
 pub use runtime::cpu::Cpu;

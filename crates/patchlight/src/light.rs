@@ -22,6 +22,7 @@ use crate::bake::{Bake, ReceiverKind};
 #[cfg(feature = "debug-pictures")]
 use crate::debug::{DebugKind, DebugPicture, DebugView};
 use crate::error::{Error, Reason};
+use crate::job::BakeJob;
 use crate::low_level::frame::{FrameInput, FramePlan, FrameTables, LAST_BOUNCES};
 use crate::low_level::operator::{Build, Decode};
 use crate::low_level::stage::gather::ReceiverTables;
@@ -159,8 +160,11 @@ pub struct LightField {
     has_new_source: bool,
     /// Material of each sample, once another albedo was asked for.
     sample_materials: Option<Vec<u32>>,
-    /// The albedo where it is not that of the bake.
+    /// The albedo where it is not that of the bake, and what was asked for.
     albedo: Option<Albedo>,
+    asked_albedo: Vec<Option<Vec3>>,
+    /// True of a method that the caller made.
+    has_own_method: bool,
     eye: Vec3,
     number: u32,
     pub(crate) points: Vec<PointTables>,
@@ -213,7 +217,7 @@ impl LightField {
         observer: &dyn Observer,
     ) -> Result<Self, Error> {
         let method = prepare(&bake, settings, executor.as_mut(), observer)?;
-        Self::with_method(bake, executor, settings, method)
+        Ok(Self { has_own_method: false, ..Self::with_method(bake, executor, settings, method)? })
     }
 
     /// Makes a light field with any method.
@@ -241,6 +245,8 @@ impl LightField {
             has_new_source: false,
             sample_materials: None,
             albedo: None,
+            asked_albedo: Vec::new(),
+            has_own_method: true,
             eye: settings.eye,
             settings: settings.clone(),
             number: 0,
@@ -258,10 +264,59 @@ impl LightField {
         self.settings.method = method;
         self.settings.eye = self.eye;
         self.method = prepare(&self.bake, &self.settings, self.executor.as_mut(), observer)?;
+        self.has_own_method = false;
         if let Some(albedo) = &self.albedo {
             self.method.set_albedo(albedo, self.executor.as_mut())?;
         }
         self.load()
+    }
+
+    /// Takes another bake of the scene, such as a finer one: lights, albedo, settings and points of one's own stay, the
+    /// light of the method starts anew. An operator that the bake does not have is built here ([`Bake::build_operators`]
+    /// does so before), and the rows of points are traced. Light of the caller's own
+    /// ([`Self::set_sample_light`]) has to be given again, for other samples.
+    ///
+    /// # Errors
+    /// [`Unsupported`](crate::ErrorKind::Unsupported) with a method of the caller's, which is of its bake; as
+    /// [`Self::new`]. The light field keeps the bake that it has then, unless the device is lost.
+    pub fn set_bake(&mut self, bake: Arc<Bake>, observer: &dyn Observer) -> Result<(), Error> {
+        if self.has_own_method {
+            return Err(Reason::OwnMethod.into());
+        }
+        let mut scene = bake.scene.clone();
+        scene.set_lighting(self.scene.lighting.clone())?;
+        self.settings.eye = self.eye;
+        let mut method = prepare(&bake, &self.settings, self.executor.as_mut(), observer)?;
+        let mut albedo = None;
+        let mut materials = None;
+        if self.albedo.is_some() {
+            let of_samples = materials.insert(sample_materials(&bake.scene, &bake.mesh));
+            let changed = Albedo::new(&bake, of_samples, &self.asked_albedo)?;
+            method.set_albedo(&changed, self.executor.as_mut())?;
+            changed.give_to(&mut scene);
+            albedo = Some(changed);
+        }
+        self.bake = bake;
+        self.scene = scene;
+        self.method = method;
+        self.albedo = albedo;
+        self.sample_materials = materials;
+        if self.sample_light != KeptLight::Traced {
+            self.sample_light = KeptLight::OnDevice { is_written: false };
+        }
+        self.trace_points_again(observer)?;
+        self.load()
+    }
+
+    /// Takes the newest level of a bake that is refined ([`Bake::refine`]), if there is one that it does not have yet;
+    /// returns true if there was. Gives the rest of the bake no time: that works on threads of its own.
+    ///
+    /// # Errors
+    /// As [`Self::set_bake`].
+    pub fn refine(&mut self, job: &BakeJob, observer: &dyn Observer) -> Result<bool, Error> {
+        let Some(bake) = job.take_newest() else { return Ok(false) };
+        self.set_bake(bake, observer)?;
+        Ok(true)
     }
 
     /// Moves the viewer, m: the matrix round the camera follows in the next update; nothing else depends on it.
@@ -299,6 +354,7 @@ impl LightField {
             self.loaded.upload_sky(&self.bake, Some(changed), &self.scene, executor)?;
             self.stamps.sky += 1;
         }
+        self.asked_albedo = albedo.to_vec();
         if is_own {
             self.albedo = None;
         }

@@ -10,6 +10,7 @@ use transport::Observer;
 
 use crate::bake::{Bake, ReceiverKind};
 use crate::error::Error;
+use crate::job::BakeJob;
 use crate::light::{LightField, LightSettings, LightUpdate, Stamps, by_name, gather_at};
 use crate::low_level::frame::FramePlan;
 use crate::low_level::stage::gather::ReceiverTables;
@@ -166,6 +167,19 @@ impl PictureRenderer {
     pub fn set_method(&mut self, method: MethodSettings, observer: &dyn Observer) -> Result<(), Error> {
         self.light.set_method(method, observer)?;
         self.follow()
+    }
+
+    /// Takes the newest level of a bake that is refined, if there is one; returns true if there was. See
+    /// [`LightField::refine`].
+    ///
+    /// # Errors
+    /// As [`LightField::set_bake`]; a device that is too small.
+    pub fn refine(&mut self, job: &BakeJob, observer: &dyn Observer) -> Result<bool, Error> {
+        let is_new = self.light.refine(job, observer)?;
+        if is_new {
+            self.follow()?;
+        }
+        Ok(is_new)
     }
 
     /// Changes the size of pictures, pixels, and their sub-frames; the light stays.

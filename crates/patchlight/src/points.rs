@@ -81,7 +81,9 @@ pub struct PointLight {
 pub(crate) struct PointTables {
     set: PointSet,
     kind: PointKind,
-    count: usize,
+    /// Where they are, and the rays of each hemisphere: another bake asks for their rows anew.
+    places: Vec<Point>,
+    rays: u32,
     rows: Arc<HitCounts>,
     buffer: Option<BufferId>,
     /// The passes that find its light.
@@ -95,7 +97,7 @@ pub(crate) struct PointTables {
 impl PointTables {
     /// Bytes of the rows and of the values.
     pub fn bytes(&self) -> u64 {
-        self.rows.bytes() + rgb_bytes(self.count * self.kind.values())
+        self.rows.bytes() + rgb_bytes(self.places.len() * self.kind.values())
     }
 
     /// Adds the set's passes to a section of their own.
@@ -106,12 +108,13 @@ impl PointTables {
         let first = frame.plan.passes().len();
         let exitance = exitance_of(frame)?;
         let range = frame.binding_bytes();
-        let values = frame.plan.array("points", self.count * self.kind.values());
+        let count = self.places.len();
+        let values = frame.plan.array("points", count * self.kind.values());
         let rows = HitTables::new(&mut frame.plan, &mut frame.tables, &self.rows);
         if self.kind == PointKind::HarmonicsL1 {
-            let cubes = frame.plan.array("point cubes", self.count * SIDES);
+            let cubes = frame.plan.array("point cubes", count * SIDES);
             rows.gather(&mut frame.plan, PASS, range, exitance, cubes)?;
-            let harmonics = Arc::new(harmonics_of_cubes(self.count));
+            let harmonics = Arc::new(harmonics_of_cubes(count));
             let harmonics = SparseTables::new(&mut frame.plan, &mut frame.tables, "harmonic", &harmonics);
             harmonics.gather(&mut frame.plan, PASS, cubes, values)?;
         } else {
@@ -199,7 +202,8 @@ impl LightField {
         let tables = PointTables {
             set,
             kind,
-            count: points.len(),
+            places: points.to_vec(),
+            rays,
             rows: Arc::new(rows),
             buffer: None,
             passes: Vec::new(),
@@ -299,6 +303,18 @@ impl LightField {
             let points = &mut self.points[index];
             points.reads.pop_front();
             points.latest = Some(PointLight { update, values: values.iter().map(|value| value.truncate()).collect() });
+        }
+        Ok(())
+    }
+
+    /// Traces the rows of all points in the bake that the light field has now; what was read of them goes.
+    pub(crate) fn trace_points_again(&mut self, observer: &dyn Observer) -> Result<(), Error> {
+        for index in 0..self.points.len() {
+            let PointTables { places, kind, rays, .. } = &self.points[index];
+            let rows = self.trace(places, *kind, *rays, observer)?;
+            let points = &mut self.points[index];
+            points.rows = Arc::new(rows);
+            points.reads.clear();
         }
         Ok(())
     }

@@ -32,6 +32,10 @@ pub enum Experiment {
     /// Whole light updates: lights that move, lights that rest, a lamp that is switched, for every receiver and for
     /// those in view; where the time goes, and how far from the bandwidth that is.
     Frame,
+    /// A bake that goes on beside the picture: its error over time, beside the path tracer's and DDGI's.
+    Refine,
+    /// A whole bake: time and busy cores of its phases, memory; by turns with another program.
+    Bake,
     /// Time of products and of sampled light over the number of patches: `thesis table1`.
     Table1,
     /// Errors of products and of sampled light against path tracing: `thesis table2`.
@@ -65,7 +69,7 @@ pub struct Bench {
     #[arg(value_enum)]
     pub name: Experiment,
     /// Scene files or built-in scenes, for thesis behind the figure [default: clean rooms stripes blinds clutter window
-    /// corridor, leaks rooms corridor blinds clutter, frame and scaling office, materials cornell, table3, step and
+    /// corridor, leaks rooms corridor blinds clutter, bake, frame, refine and scaling office, materials cornell, table3, step and
     /// unseen cornell office, others cornell atrium; leaks, table3 and unseen the shared ones, too].
     pub scenes: Vec<String>,
     /// Patches [default: patches 1000,2000,5000,10000,20000, clean and firstshot 4000, scaling 512 to 262144, leaks,
@@ -163,6 +167,9 @@ pub struct Bench {
     /// Errors over 1,000 to 20,000 patches, instead of one number (clean).
     #[arg(long)]
     pub curves: bool,
+    /// Another `patchlight` program whose whole bakes are measured by turns with this one's (bake).
+    #[arg(long, value_name = "PROGRAM")]
+    pub against: Option<PathBuf>,
     /// Continue an interrupted experiment in the same folder: what OUT/summary.json has is not measured again
     /// (patches).
     #[arg(long)]
@@ -197,6 +204,7 @@ impl Bench {
             | Experiment::Materials
             | Experiment::Unseen
             | Experiment::Scaling
+            | Experiment::Refine
             | Experiment::Thesis => (240, 135),
             _ => (480, 360),
         })

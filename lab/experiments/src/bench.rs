@@ -1,6 +1,7 @@
 //! `patchlight bench`: experiments as Markdown on standard output, summary.json, SVG plots and report.html.
 
 mod all;
+mod bake;
 mod claims;
 mod clean;
 mod contest;
@@ -13,6 +14,7 @@ mod materials;
 mod operator;
 mod patches;
 mod proof;
+mod refine;
 mod rows;
 mod scaling;
 mod setup;
@@ -100,6 +102,8 @@ pub fn run(common: &Common, args: &Bench) -> Result<(), Error> {
         Experiment::Spread => spread::run(common, args),
         Experiment::Local => local::run(common, args),
         Experiment::Frame => frame::run(common, args),
+        Experiment::Refine => refine::run(common, args),
+        Experiment::Bake => bake::run(common, args),
         Experiment::Table3 => study::run::<table3::Table3>(common, args),
         Experiment::Leaks => study::run::<leaks::Leaks>(common, args),
         Experiment::Step => study::run::<step::Step>(common, args),

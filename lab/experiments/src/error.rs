@@ -48,6 +48,22 @@ pub enum Error {
         /// Folder in which they were looked for.
         folder: PathBuf,
     },
+    /// More scenes than an experiment has.
+    #[error("`bench {experiment}` measures one scene, and {found} are named; run it for each")]
+    OneScene {
+        /// The experiment.
+        experiment: &'static str,
+        /// Scenes that are named.
+        found: usize,
+    },
+    /// Another program that is measured beside ours.
+    #[error("{}: {why}; --against takes a `patchlight` program that can bake the scene", program.display())]
+    Against {
+        /// The program.
+        program: PathBuf,
+        /// Why it failed.
+        why: String,
+    },
     /// A figure that is not measured.
     #[error("there is no figure `{name}` to measure; choose one of {known}")]
     NoFigure {

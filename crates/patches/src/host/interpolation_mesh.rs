@@ -450,6 +450,21 @@ impl<'a> Welder<'a> {
     /// The nearest of the receivers before the first vertex are found on all cores. So is what stands between, after
     /// all vertices were joined as if nothing did; where something does, they are joined once more.
     fn receivers(&mut self, vertices: &[SurfacePoint]) -> Vec<u32> {
+        // The vertices of a cell with a single value are in one place.
+        let is_same = |a: &SurfacePoint, b: &SurfacePoint| a.position == b.position && a.normal == b.normal;
+        let mut places = vertices.to_vec();
+        places.dedup_by(|a, b| is_same(a, b));
+        let receivers = self.receivers_of_places(&places);
+        let mut place = 0;
+        let of_vertex = |vertex: &SurfacePoint| {
+            place += usize::from(!is_same(vertex, &places[place]));
+            receivers[place]
+        };
+        vertices.iter().map(of_vertex).collect()
+    }
+
+    /// [`Self::receivers`] of places of which no two that follow each other are the same.
+    fn receivers_of_places(&mut self, vertices: &[SurfacePoint]) -> Vec<u32> {
         let first = self.points.len();
         let search = |vertex: &SurfacePoint| {
             let distance = self.cells.distance(vertex.position);

@@ -62,6 +62,18 @@ impl<'a> Setup<'a> {
     }
 }
 
+/// The scene of an experiment that measures one.
+///
+/// # Errors
+/// [`Error::OneScene`].
+pub fn one_scene<'a>(args: &'a Bench, usual: &'a str, experiment: &'static str) -> Result<&'a str, Error> {
+    match &args.scenes[..] {
+        [] => Ok(usual),
+        [scene] => Ok(scene),
+        more => Err(Error::OneScene { experiment, found: more.len() }),
+    }
+}
+
 /// Settings of a bake of so many patches of a scene.
 pub fn bake_settings(common: &Common, args: &Bench, loaded: &LoadedScene, count: usize) -> BakeSettings {
     BakeSettings::default()

@@ -176,12 +176,17 @@ impl<'a> Field<'a> {
     pub fn one_of_each(&self) -> Result<Contenders<'a>, Error> {
         let mut list = self.patches()?;
         list.push(self.voxel_proxy()?);
-        let rays = self.view.args.probe_rays.iter().copied().min().unwrap_or(DdgiSettings::default().rays);
-        list.push(Box::new(Volumetric::ddgi(self.view, self.probes(self.metres(self.finest()), rays), "")?));
+        list.push(self.finest_probes()?);
         list.push(self.propagation(CELLS[0])?);
         list.push(self.baked_volume(2)?);
         list.push(Box::new(Paths::new(self.view, 1, true)?));
         Ok(list)
+    }
+
+    /// DDGI at the finest spacing and the fewest rays that are asked for.
+    pub fn finest_probes(&self) -> Result<Box<dyn Contender + 'a>, Error> {
+        let rays = self.view.args.probe_rays.iter().copied().min().unwrap_or(DdgiSettings::default().rays);
+        Ok(Box::new(Volumetric::ddgi(self.view, self.probes(self.metres(self.finest()), rays), "")?))
     }
 
     /// Contenders that need a bake: [`PatchMethod::usual`].
