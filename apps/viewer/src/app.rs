@@ -436,11 +436,16 @@ impl<'a> App<'a> {
         self.state.facts.resident = resident_bytes();
     }
 
+    /// Returns true if the script waits for the bake or the clock.
+    fn waits_for_bake(&self) -> bool {
+        self.script.as_ref().is_some_and(Script::waits_for_bake)
+    }
+
     /// Returns true if the next frame is due at once.
     fn is_busy(&self) -> bool {
         let Some(open) = &self.open else { return false };
         let waits_for_paths = self.is_compared && self.script.as_ref().is_some_and(Script::waits_for_samples);
-        let waits_for_bake = self.job.is_some() && self.script.as_ref().is_some_and(Script::waits_for_bake);
+        let waits_for_bake = self.waits_for_bake();
         let is_scripted = self.script.as_ref().is_some_and(|script| !script.is_done());
         is_scripted && !waits_for_paths && !waits_for_bake
             || !open.live.is_settled()
@@ -496,8 +501,8 @@ impl ApplicationHandler for App<'_> {
         let now = Instant::now();
         let Some(open) = &self.open else { return };
         let is_hidden = open.window.is_minimized() == Some(true);
-        if self.job.is_some() {
-            // The bar moves, and a level may be done.
+        if self.job.is_some() || self.waits_for_bake() {
+            // The bar moves, and a level or the script may be done.
             let look = self.last_frame + LOOK;
             self.next = Some(self.next.map_or(look, |next| next.min(look)));
         }

@@ -433,6 +433,39 @@ fn ctrl_c_closes_the_window() {
     assert!(!text(&output.stderr).contains("panicked"), "{}", text(&output.stderr));
 }
 
+/// Processor time that a process has taken, s: 100 ticks a second in every Linux that Debian has.
+#[cfg(target_os = "linux")]
+fn processor_seconds(process: u32) -> f64 {
+    let stat = std::fs::read_to_string(format!("/proc/{process}/stat")).unwrap();
+    // After the name, which may hold anything: the state, ten numbers, user time, system time.
+    let fields: Vec<&str> = stat.rsplit_once(')').unwrap().1.split_whitespace().collect();
+    fields[11..13].iter().map(|ticks| ticks.parse::<f64>().unwrap()).sum::<f64>() / 100.0
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn a_window_at_rest_does_no_work() {
+    let Some(display) = Xvfb::start() else { return };
+    let (folder, bake) = baked();
+    let script = write(folder.path(), "wait 2\nscreenshot open.png");
+    let out = folder.path().display().to_string();
+    let options = [&bake, "--size", "160x120", "--device", "cpu", "--script", &script, "--out", &out];
+    let mut child = display.command(&options).spawn().unwrap();
+    while !folder.path().join("open.png").exists() {
+        assert!(child.try_wait().unwrap().is_none(), "it has ended");
+        std::thread::sleep(Duration::from_millis(50));
+    }
+    let to_open = processor_seconds(child.id());
+    assert!(to_open > 0.0);
+    std::thread::sleep(Duration::from_secs(1));
+    let before = processor_seconds(child.id());
+    std::thread::sleep(Duration::from_secs(10));
+    let at_rest = processor_seconds(child.id()) - before;
+    Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap();
+    child.wait().unwrap();
+    assert!(at_rest <= 0.2, "{at_rest} s of processor time in 10 s at rest, {to_open} s to open");
+}
+
 #[test]
 fn the_tour_is_a_script() {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/view/tour.txt");
