@@ -237,7 +237,9 @@ fn photons_agree_with_the_path_tracer() {
         // Places are spread evenly, so the spread overstates their noise.
         let bound = if name == "cornell" { 0.01 } else { 2.0 * noise };
         let agrees = |ratio: f64| (ratio - 1.0).abs() < bound;
-        assert!(rms < 1.3 && worst < 4.0 && agrees(ratio), "{name}: {rms} {worst} {ratio} {noise}");
+        // The root mean square of so many normal deviates is 1 ± 1/√48: three of these, and what the spread of places
+        // adds to the tails of each.
+        assert!(rms < 1.45 && worst < 4.5 && agrees(ratio), "{name}: {rms} {worst} {ratio} {noise}");
         let wrong = if name == "cornell" { 1.03 } else { 1.1 };
         assert!(noise < 0.045 && !agrees(wrong * ratio), "{name}: more light is noticed: {noise}");
     }

@@ -484,7 +484,7 @@ fn sign_bake(bytes: &mut [u8]) {
         put(bytes, HEADER - 4, sum);
     }
     let mut at = end;
-    while bytes.get(at..at + 4) == Some(b"ROWS") {
+    while bytes.get(at..at.saturating_add(4)) == Some(b"ROWS") {
         let Some(length) = word(bytes, at + 16) else { return };
         let next = at + 24 + length as usize;
         let (Some(head), Some(rows)) = (bytes.get(at..at + 20), bytes.get(at + 24..next)) else { return };
