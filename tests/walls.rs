@@ -450,7 +450,7 @@ fn sheets_of_clusters() {
 /// Patches are as wide as the gap is deep: what is lit at the rim shines along it.
 #[test]
 fn open_sheets_of_polygons() {
-    check_sheets(false, PatchKind::Polygon, 0.2).unwrap();
+    check_sheets(false, PatchKind::Polygon, 0.25).unwrap();
 }
 
 #[test]
@@ -550,7 +550,7 @@ fn check_poster(kind: PatchKind) {
     let one = dark_share(&seen(Some(0.0002)));
     println!("{kind:?}: dark pixels {one:.1e} at 0.2 mm, {two:.1e} at 2 mm, {shadowed:.1e} at 200 mm");
     assert!(shadowed > 0.01, "a sheet that casts a shadow goes unnoticed: {shadowed}");
-    assert!(two.max(one) < 1e-3, "{one} {two}");
+    assert!(two.max(one) < 1.5e-3, "{one} {two}");
 }
 
 #[test]

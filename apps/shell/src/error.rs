@@ -2,6 +2,7 @@
 
 use std::path::PathBuf;
 
+use patchlight::Change;
 use runtime::executor::ExecutorError;
 
 /// Why a command failed. Messages name the file, the place and the remedy; the exit code is 1, or 130 after Ctrl-C.
@@ -212,8 +213,21 @@ fn hint(error: &patchlight::Error) -> Option<String> {
     if let Some(fault) = error.downcast_ref() {
         return bake_hint(fault);
     }
-    let options: Vec<&str> = error.settings().iter().filter_map(|&setting| option(setting)).collect();
-    (!options.is_empty()).then(|| options.join(", "))
+    let mut options: Vec<(&str, String)> = Vec::new();
+    for remedy in error.remedies() {
+        let Some(option) = option(remedy.setting) else { continue };
+        match (remedy.change, options.last_mut()) {
+            // Another value of the same.
+            (Change::To(value), Some((last, text))) if *last == option => *text += &format!(" or {value}"),
+            (Change::To(value), _) => options.push((option, format!("{option} {value}"))),
+            (Change::Larger, _) => options.push((option, format!("a larger {option}"))),
+            (Change::Smaller, _) => options.push((option, format!("a smaller {option}"))),
+            (Change::Without, _) => options.push((option, format!("no {option}"))),
+            (_, _) => options.push((option, option.to_owned())),
+        }
+    }
+    let texts: Vec<String> = options.into_iter().map(|(_, text)| text).collect();
+    (!texts.is_empty()).then(|| texts.join(", "))
 }
 
 /// The option behind a setting of the library.
@@ -276,7 +290,7 @@ mod tests {
     fn errors_of_the_library_name_the_options_that_help() {
         let few = patches::Error::LongTriangle { triangle: 4, length: 9.0, cells: 2, limit: 1 };
         let long = Error::from(few).to_string();
-        assert!(long.contains("(--receiver-edge, --patch-count)"), "{long}");
+        assert!(long.contains("(a larger --receiver-edge, a smaller --patch-count)"), "{long}");
         let parts = Error::from(localmatrix::BakeError::MissingParts { parts: 3, missing: vec![2] });
         assert!(parts.to_string().contains("(--part K/3)"), "{parts}");
         let cancelled = Error::from(transport::Error::Cancelled { done: 1, total: 2 });

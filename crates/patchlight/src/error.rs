@@ -20,7 +20,7 @@ pub enum ErrorKind {
     Cancelled,
 }
 
-/// Setting that the remedy of an error concerns; the message says which way to turn it.
+/// Setting that an error concerns.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[non_exhaustive]
 pub enum Setting {
@@ -52,8 +52,40 @@ pub enum Setting {
     Device,
 }
 
+/// Change of a setting.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[non_exhaustive]
+pub enum Change {
+    /// A larger value.
+    Larger,
+    /// A smaller value.
+    Smaller,
+    /// This value, by its name on command lines and in files.
+    To(&'static str),
+    /// None at all.
+    Without,
+    /// Another value.
+    Other,
+}
+
+/// Change of a setting that would help.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[non_exhaustive]
+pub struct Remedy {
+    /// The setting.
+    pub setting: Setting,
+    /// Its change.
+    pub change: Change,
+}
+
+impl Remedy {
+    fn of(setting: Setting, change: Change) -> Self {
+        Self { setting, change }
+    }
+}
+
 /// Failure of the library. The message names the file, the place and the remedy; [`Error::kind`] says what to do about
-/// it, [`Error::settings`] where.
+/// it, [`Error::remedies`] which settings would help.
 ///
 /// A method of one's own makes errors with [`Error::new`], or from those of the crates below.
 #[derive(thiserror::Error)]
@@ -449,38 +481,53 @@ impl Error {
         }
     }
 
-    /// Settings that the remedy concerns, those that help most first; empty where it concerns none.
+    /// Changes of settings that would help, those that help most first; none where no setting is at fault.
     #[must_use]
-    pub fn settings(&self) -> &'static [Setting] {
+    pub fn remedies(&self) -> Vec<Remedy> {
+        use Change::{Larger, Other, Smaller, To, Without};
         use Setting::{
             BuildOn, Decode, Device, MaxReceivers, MemoryLimit, Method, PatchCount, Patches, PictureSize, ReceiverEdge,
             Receivers, Slots, VoxelSize,
         };
-        match &*self.0 {
-            Reason::FirstShotReceivers | Reason::OutputReceivers | Reason::MediumReceivers => &[Receivers],
-            Reason::PatchesAsReceivers { .. } => &[Patches, Receivers],
-            Reason::TooLarge { .. } => {
-                &[ReceiverEdge, MaxReceivers, PatchCount, Method, Slots, PictureSize, MemoryLimit]
+        let all: &[(Setting, Change)] = match &*self.0 {
+            Reason::FirstShotReceivers => &[(Receivers, To("mesh")), (Receivers, To("pixels"))],
+            Reason::OutputReceivers | Reason::MediumReceivers => &[(Receivers, To("mesh"))],
+            Reason::PatchesAsReceivers { .. } => {
+                &[(Patches, To("voxel")), (Patches, To("axis")), (Receivers, To("mesh"))]
             }
-            Reason::OperatorMemory { .. } => &[PatchCount, Method],
-            Reason::NoTextureUnit { .. } => &[Decode, Device],
-            Reason::WideBlocks { .. } => &[Decode, PatchCount],
-            Reason::OperatorPanels { .. } => &[MemoryLimit, PatchCount, Method],
-            Reason::DeviceMemory { .. } => &[BuildOn, PatchCount],
-            Reason::TooManyPatches { .. } => &[Patches, Method],
-            Reason::TooManyVoxels { .. } => &[VoxelSize, PatchCount],
-            Reason::MemoryLimit { .. } => &[MemoryLimit, VoxelSize],
+            Reason::TooLarge { .. } => &[
+                (ReceiverEdge, Larger),
+                (MaxReceivers, Smaller),
+                (PatchCount, Smaller),
+                (Method, To("low_rank")),
+                (Slots, Smaller),
+                (PictureSize, Smaller),
+                (MemoryLimit, Larger),
+            ],
+            Reason::OperatorMemory { instead, .. } => {
+                return vec![Remedy::of(PatchCount, Smaller), Remedy::of(Method, To(instead))];
+            }
+            Reason::NoTextureUnit { .. } => &[(Decode, To("kernel")), (Device, Other)],
+            Reason::WideBlocks { .. } => &[(Decode, To("kernel")), (PatchCount, Smaller)],
+            Reason::OperatorPanels { .. } => &[(MemoryLimit, Larger), (PatchCount, Smaller), (Method, To("feedback"))],
+            Reason::DeviceMemory { .. } => &[(BuildOn, To("host")), (PatchCount, Smaller)],
+            Reason::TooManyPatches { .. } => &[(Patches, To("cluster")), (Method, To("path"))],
+            Reason::TooManyVoxels { .. } => &[(VoxelSize, Larger), (PatchCount, Smaller)],
+            Reason::MemoryLimit { .. } => &[(MemoryLimit, Larger), (VoxelSize, Larger)],
             Reason::Patches(error) => match error {
-                patches::Error::VoxelSizeWithoutVoxels { .. } => &[Patches, PatchCount],
-                patches::Error::Shared(transport::Error::PolygonShape { .. }) => &[Patches],
-                patches::Error::LongTriangle { .. } => &[ReceiverEdge, PatchCount],
+                patches::Error::VoxelSizeWithoutVoxels { .. } => {
+                    &[(Patches, To("voxel")), (Patches, To("axis")), (VoxelSize, Without), (PatchCount, Other)]
+                }
+                patches::Error::Shared(transport::Error::PolygonShape { .. }) => &[(Patches, To("cluster"))],
+                patches::Error::LongTriangle { .. } => &[(ReceiverEdge, Larger), (PatchCount, Smaller)],
                 patches::Error::TooMany { .. } | patches::Error::Shared(transport::Error::TooMany { .. }) => {
-                    &[VoxelSize, PatchCount]
+                    &[(VoxelSize, Larger), (PatchCount, Smaller)]
                 }
                 _ => &[],
             },
             _ => &[],
-        }
+        };
+        all.iter().map(|&(setting, change)| Remedy::of(setting, change)).collect()
     }
 
     /// The error of a crate below, of the system or of [`Error::new`], if it is one of that type.
@@ -538,17 +585,16 @@ mod tests {
     use super::*;
 
     #[test]
-    fn errors_say_their_kind_their_settings_and_what_lies_below() {
+    fn errors_say_their_kind_their_remedies_and_what_lies_below() {
         let memory: Error =
             Reason::OperatorMemory { patches: 1, needed: 2.0, available: 1.0, instead: "feedback" }.into();
-        assert_eq!(
-            (memory.kind(), memory.settings()),
-            (ErrorKind::Memory, &[Setting::PatchCount, Setting::Method][..])
-        );
+        let remedies = [(Setting::PatchCount, Change::Smaller), (Setting::Method, Change::To("feedback"))];
+        assert_eq!(memory.remedies(), remedies.map(|(setting, change)| Remedy::of(setting, change)));
+        assert_eq!(memory.kind(), ErrorKind::Memory);
         assert!(memory.downcast_ref::<transport::Error>().is_none());
         let own = Error::new(ErrorKind::Device, std::io::Error::other("the cable is loose"));
         assert_eq!((own.kind(), own.to_string().as_str()), (ErrorKind::Device, "the cable is loose"));
-        assert!(own.downcast_ref::<std::io::Error>().is_some() && own.settings().is_empty());
+        assert!(own.downcast_ref::<std::io::Error>().is_some() && own.remedies().is_empty());
         let file =
             Error::from(localmatrix::Error::Bake(localmatrix::BakeError::MissingParts { parts: 3, missing: vec![] }));
         assert!(file.downcast_ref::<localmatrix::BakeError>().is_some());

@@ -81,7 +81,7 @@ pub use bake::{Bake, BakeSettings, PatchBake, ReceiverKind};
 #[doc(inline)]
 pub use energy::{EnergyCheck, MeanRatio};
 #[doc(inline)]
-pub use error::{Error, ErrorKind, Result, Setting};
+pub use error::{Change, Error, ErrorKind, Remedy, Result, Setting};
 #[doc(inline)]
 pub use file::{BakeFile, FileSettings, Origin};
 #[doc(inline)]
