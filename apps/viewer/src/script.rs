@@ -65,6 +65,16 @@ pub struct ScriptError {
     pub reason: String,
 }
 
+/// End of a wait.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Until {
+    Frames(u32),
+    /// The bake has the settings asked for.
+    Baked,
+    /// By the clock.
+    Seconds(f32),
+}
+
 /// A change of a light.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum LightChange {
@@ -88,9 +98,7 @@ enum ObjectChange {
 
 #[derive(Clone, Debug, PartialEq)]
 enum Command {
-    Wait(u32),
-    Baked,
-    Seconds(f32),
+    Wait(Until),
     Samples(u32),
     Key { key: Key, frames: u32, is_shift: bool },
     Drag { from: Pos2, to: Pos2 },
@@ -158,7 +166,7 @@ impl Script {
 
     /// Returns true if it waits for the bake or the clock: nothing is to be hurried.
     pub fn waits_for_bake(&self) -> bool {
-        self.taken > 0 && matches!(self.commands.front(), Some((_, Command::Baked | Command::Seconds(_))))
+        self.taken > 0 && matches!(self.commands.front(), Some((_, Command::Wait(Until::Baked | Until::Seconds(_)))))
     }
 
     /// Goes on by one frame: changes the state, and adds the events of keys and pointer, in points of a window so large
@@ -197,9 +205,9 @@ impl Script {
         events: &mut Vec<Event>,
     ) -> Result<bool, String> {
         match command {
-            Command::Wait(frames) => return Ok(self.taken >= *frames),
-            Command::Baked => return Ok(state.facts.bake.is_none()),
-            Command::Seconds(seconds) => return Ok(self.begun.elapsed().as_secs_f32() >= *seconds),
+            Command::Wait(Until::Frames(frames)) => return Ok(self.taken >= *frames),
+            Command::Wait(Until::Baked) => return Ok(state.facts.bake.is_none()),
+            Command::Wait(Until::Seconds(seconds)) => return Ok(self.begun.elapsed().as_secs_f32() >= *seconds),
             Command::Samples(samples) => {
                 if !state.compares() || state.facts.reference.is_some() {
                     return Err("no paths are traced; write `split 0.5` before, without a reference in a file".into());
@@ -348,8 +356,6 @@ fn apply(command: &Command, state: &mut State) -> Result<(), String> {
         Command::Quit => state.requests.push(Request::Quit),
         // What takes frames is in `Script::run`.
         Command::Wait(_)
-        | Command::Baked
-        | Command::Seconds(_)
         | Command::Samples(_)
         | Command::Key { .. }
         | Command::Drag { .. }
@@ -435,12 +441,12 @@ impl Words<'_> {
     fn input(&self) -> Result<Command, String> {
         let words = self.0;
         Ok(match words[0] {
-            "wait" => Command::Wait(self.only("N")?),
+            "wait" => Command::Wait(Until::Frames(self.only("N")?)),
             "baked" => {
                 self.count(1..=1, "")?;
-                Command::Baked
+                Command::Wait(Until::Baked)
             }
-            "seconds" => Command::Seconds(self.only("N")?),
+            "seconds" => Command::Wait(Until::Seconds(self.only("N")?)),
             "samples" => Command::Samples(self.only("N")?),
             "wheel" => Command::Wheel(self.only("STEPS")?),
             "drag" => {
