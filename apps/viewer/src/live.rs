@@ -264,11 +264,7 @@ impl Live {
 pub fn quality(bake: &Bake) -> String {
     let sizes = format!("{} patches, {} receivers", bake.mesh().patches.len(), bake.receivers().points.len());
     match bake.energy().and_then(|energy| energy.near) {
-        Some(near) => format!(
-            "{sizes}; mean indirect light {:+.1} % (± {:.1} %) beside rays",
-            100.0 * (near.ratio - 1.0),
-            100.0 * near.standard_error
-        ),
+        Some(near) => format!("{sizes}; {}", near.summary("mean indirect light")),
         None => sizes,
     }
 }

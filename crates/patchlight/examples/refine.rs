@@ -9,7 +9,7 @@ use patchlight::{
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let loaded = assets::load_or_build("atrium:3000")?;
-    let settings = BakeSettings::default().with_patch_count(2400).with_receiver_rays(128);
+    let settings = BakeSettings::default().with_patch_count(1200).with_receiver_rays(128);
     let method = MethodSettings::Multibounce(Codec::LowRank { epsilon: 0.01 });
     let start = Instant::now();
     let job = Bake::refine(&loaded.scene, &settings, Refinement::default().with_methods(vec![method]))?;

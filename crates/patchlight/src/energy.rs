@@ -73,8 +73,8 @@ impl MeanRatio {
         self.standard_error <= MAX_STANDARD_ERROR
     }
 
-    /// Describes this light as a part of a sentence.
-    fn summary(&self, light: &str) -> String {
+    /// Describes a light, such as "indirect light", by its ratio, as a part of a sentence.
+    pub fn summary(&self, light: &str) -> String {
         let error = 100.0 * self.standard_error;
         match self.is_believed() {
             true => format!("{light} {:+.1} % (± {error:.1} %) beside rays", 100.0 * (self.ratio - 1.0)),

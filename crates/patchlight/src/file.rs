@@ -191,7 +191,7 @@ impl Bake {
         device: &mut (dyn Executor + 'static),
         observer: &dyn Observer,
     ) -> Result<Self, Error> {
-        let operators = operators(settings);
+        let operators = OperatorKey::of_all(&settings.methods, &settings.bake);
         if !operators.is_empty() && scene.has_medium() {
             return Err(Reason::Medium { what: "an operator of a method" }.into());
         }
@@ -275,17 +275,6 @@ impl Bake {
         check(&bake).map_err(damaged)?;
         Ok(BakeFile { bake, origin: head.origin, sections: sections.all })
     }
-}
-
-/// The operators that the methods of a file need, each once.
-fn operators(settings: &FileSettings) -> Vec<OperatorKey> {
-    let mut all = Vec::new();
-    for key in settings.methods.iter().filter_map(|method| OperatorKey::of(method, &settings.bake)) {
-        if !all.contains(&key) {
-            all.push(key);
-        }
-    }
-    all
 }
 
 /// Patches and form factors: those that the file has, or new ones into it.

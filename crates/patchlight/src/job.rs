@@ -62,16 +62,17 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Shares of the time of a level that have passed when its phases begin, as measured on rooms and halls.
+/// Shares of the time of a level that have passed when its phases begin: means of the built-in office with 4,000 patches
+/// and of Sponza with 2,500, on two cores.
 const BEGUN: [(Phase, f32); 8] = [
     (Phase::DENSITY, 0.0),
     (Phase::SAMPLE, 0.0),
-    (Phase::FORM_FACTORS, 0.05),
-    (Phase::BOUNCES, 0.12),
-    (Phase::RECEIVERS, 0.12),
-    (Phase::ENERGY, 0.68),
-    (Phase::OPERATOR, 0.7),
-    (Phase::COMPRESS, 0.85),
+    (Phase::FORM_FACTORS, 0.08),
+    (Phase::BOUNCES, 0.15),
+    (Phase::RECEIVERS, 0.15),
+    (Phase::ENERGY, 0.73),
+    (Phase::OPERATOR, 0.74),
+    (Phase::COMPRESS, 0.8),
 ];
 
 impl Shared {
@@ -228,6 +229,8 @@ impl BakeJob {
     /// Asks the bake to end as soon as it can; [`Self::join`] then gives an error that
     /// [is cancelled](Error::is_cancelled).
     pub fn cancel(&self) {
+        // Under the lock, so that no thread is between its look and its wait, and misses the call.
+        let _paused = lock(&self.shared.is_paused);
         self.shared.is_cancelled.store(true, Ordering::Relaxed);
         self.shared.resumed.notify_all();
     }

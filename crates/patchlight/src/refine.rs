@@ -148,9 +148,9 @@ impl Bake {
         let shared = Arc::new(self.clone());
         let eye = glam::Vec3::ZERO;
         let with = Preparation { bake: &shared, decode: Decode::Auto, build, eye, observer };
-        for method in methods.iter().filter(|method| method.check_medium(&shared.scene).is_ok()) {
-            let Some(key) = OperatorKey::of(method, &self.settings) else { continue };
-            if !self.operators.iter().any(|baked| baked.key == key) {
+        let serving = methods.iter().filter(|method| method.check_medium(&shared.scene).is_ok());
+        for key in OperatorKey::of_all(serving, &self.settings) {
+            if !shared.operators.iter().any(|baked| baked.key == key) {
                 let operator = key.find_or_build(&with, device)?;
                 self.operators.push(BakedOperator { key, operator });
             }

@@ -51,6 +51,17 @@ fn a_bake_is_cancelled_from_another_thread() {
     assert!(error.is_cancelled() && error.kind() == ErrorKind::Cancelled, "{error}");
 }
 
+#[test]
+fn a_paused_bake_is_cancelled_all_the_same() {
+    let job = Bake::start(&scene(), &coarse().with_patch_count(2000), None).unwrap();
+    job.pause();
+    job.cancel();
+    while !job.is_finished() {
+        std::thread::sleep(Duration::from_millis(1));
+    }
+    assert!(job.join().is_err_and(|error| error.is_cancelled()));
+}
+
 /// Says whether work runs on the threads of a pool.
 struct InPool(usize);
 

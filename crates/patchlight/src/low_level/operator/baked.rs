@@ -55,6 +55,17 @@ impl OperatorKey {
         }
     }
 
+    /// The operators that methods ask for, each once.
+    pub fn of_all<'a>(methods: impl IntoIterator<Item = &'a MethodSettings>, settings: &BakeSettings) -> Vec<Self> {
+        let mut all = Vec::new();
+        for key in methods.into_iter().filter_map(|method| Self::of(method, settings)) {
+            if !all.contains(&key) {
+                all.push(key);
+            }
+        }
+        all
+    }
+
     /// The operator that the bake has, else a new one; `device` may build it.
     ///
     /// # Errors
