@@ -6,10 +6,13 @@ use std::time::{Duration, Instant};
 
 use assets::LoadedScene;
 use egui::{Event, Key, Modifiers, RawInput, Rect, ViewportId, pos2};
+use glam::{Affine3A, Vec3};
 use patchlight::memory::resident_bytes;
-use patchlight::{Bake, BakeJob, Observer, Picture};
+use patchlight::{Bake, BakeJob, Observer, Picture, Refinement};
 use runtime::cpu::Cpu;
 use runtime::executor::{DeviceChoice, Executor, PassTime};
+use scene::kernel::camera::camera_direction;
+use scene::{Scene, Visibility as _};
 use winit::application::ApplicationHandler;
 use winit::dpi::PhysicalSize;
 use winit::event::WindowEvent;
@@ -23,7 +26,7 @@ use crate::methods::MethodDefaults;
 use crate::reference::{Comparer, Job, read};
 use crate::screen::{Gpu, Panels, Screen, Side, Source};
 use crate::script::{self, FRAME_SECONDS, Script};
-use crate::state::{Comparison, Request, Shown, State};
+use crate::state::{Comparison, Picked, Request, Shown, State};
 use crate::times::{FrameTimes, Rate};
 use crate::{panels, pointer, screenshot};
 
@@ -37,6 +40,19 @@ pub struct Display {
     events: EventLoop<()>,
     gpu: Arc<Gpu>,
 }
+
+/// A bake that is shown.
+pub struct Baking<'a> {
+    /// What is there of it.
+    pub bake: Arc<Bake>,
+    /// Work on it that goes on.
+    pub job: Option<BakeJob>,
+    /// Begins the work of another scene, where things are moved before the bake is done.
+    pub again: Option<Box<Again<'a>>>,
+}
+
+/// Begins the bake of a scene.
+pub type Again<'a> = dyn Fn(&Scene) -> Result<BakeJob, patchlight::Error> + 'a;
 
 /// Settings of the window.
 #[derive(Clone, Debug, Default)]
@@ -93,13 +109,13 @@ impl Display {
     pub fn show(
         self,
         loaded: &LoadedScene,
-        (bake, job): (Arc<Bake>, Option<BakeJob>),
+        baking: Baking,
         settings: &Settings,
         observer: &dyn Observer,
         is_stopped: &dyn Fn() -> bool,
     ) -> Result<Report, Error> {
         let Self { events, gpu } = self;
-        let app = App::new(&gpu, events.create_proxy(), loaded, (bake, job), settings, (observer, is_stopped))?;
+        let app = App::new(&gpu, events.create_proxy(), loaded, baking, settings, (observer, is_stopped))?;
         let report = run(events, app)?;
         // What is said while devices end, too.
         gpu.check_messages()?;
@@ -126,6 +142,10 @@ struct App<'a> {
     bake: Arc<Bake>,
     /// Work on the bake that goes on.
     job: Option<BakeJob>,
+    again: Option<Box<Again<'a>>>,
+    /// The scene with all that was moved, and true once a bake that was done was edited.
+    scene: Scene,
+    is_edited: bool,
     settings: &'a Settings,
     observer: &'a dyn Observer,
     is_stopped: &'a dyn Fn() -> bool,
@@ -167,7 +187,7 @@ impl<'a> App<'a> {
         gpu: &Arc<Gpu>,
         proxy: EventLoopProxy<()>,
         loaded: &LoadedScene,
-        (bake, job): (Arc<Bake>, Option<BakeJob>),
+        Baking { bake, job, again }: Baking<'a>,
         settings: &'a Settings,
         (observer, is_stopped): (&'a dyn Observer, &'a dyn Fn() -> bool),
     ) -> Result<Self, Error> {
@@ -195,6 +215,9 @@ impl<'a> App<'a> {
             name: loaded.name.clone(),
             bake,
             job,
+            again,
+            scene: loaded.scene.clone(),
+            is_edited: false,
             settings,
             observer,
             is_stopped,
@@ -302,6 +325,8 @@ impl<'a> App<'a> {
         for request in std::mem::take(&mut self.state.requests) {
             match request {
                 Request::Quit => events.exit(),
+                Request::Pick(x, y) => self.pick(open, (x, y)),
+                Request::Move { object, way } => self.move_object(&open.live, object, way),
                 Request::Screenshot(name) => captures.push(screenshot::path(&self.settings.out, name)),
                 Request::Resize(width, height) => {
                     // The system tells the new size.
@@ -319,6 +344,50 @@ impl<'a> App<'a> {
         Ok(times)
     }
 
+    /// Picks the object of the scene at a place of the picture; nothing where there is none.
+    fn pick(&mut self, open: &Open, (x, y): (f32, f32)) {
+        let (width, height) = open.live.size();
+        let camera = self.state.eye.camera((width, height));
+        let direction = camera_direction(&camera, x * width as f32, y * height as f32);
+        let scene = open.live.scene();
+        let hit = scene.closest(camera.eye, direction);
+        let Some(triangle) = scene.geometry.triangles.get(hit.triangle as usize) else {
+            self.state.picked = None;
+            return;
+        };
+        let object = triangle.object;
+        let own = scene.geometry.triangles.iter().filter(|t| t.object == object);
+        let corners = own.flat_map(|t| [t.corner, t.corner + t.edge_a, t.corner + t.edge_b]);
+        let bounds = corners.fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(low, high), p| (low.min(p), high.max(p)));
+        self.state.picked = Some(Picked { object, middle: 0.5 * (bounds.0 + bounds.1), way: Vec3::ZERO });
+        let name = self.state.objects.get(object as usize).map_or("an object", String::as_str);
+        self.state.facts.message = format!("{name}: drag its handle");
+    }
+
+    /// Moves an object of the scene; the light is made anew in the background, of a bake that is done only where it
+    /// changes.
+    fn move_object(&mut self, live: &Live, object: u32, way: Vec3) {
+        let mut edit = self.scene.edit();
+        edit.transform(object, Affine3A::from_translation(way));
+        let begun = edit.build().map_err(|error| error.to_string()).and_then(|scene| {
+            let job = match self.again.as_ref().filter(|_| self.job.is_some() && !self.is_edited) {
+                Some(again) => again(&scene),
+                None => live.bake().start_edit(&scene, Refinement::default()),
+            };
+            self.is_edited |= self.job.is_none();
+            Ok((scene, job.map_err(|error| error.to_string())?))
+        });
+        match begun {
+            Ok((scene, job)) => {
+                self.scene = scene;
+                self.state.facts.bake = Some(job.progress());
+                // The one before is cancelled.
+                self.job = Some(job);
+            }
+            Err(error) => self.state.facts.message = format!("not moved: {error}"),
+        }
+    }
+
     /// Takes the newest level of the bake, if it goes on.
     fn refine(&mut self, live: &mut Live) -> Result<(), Error> {
         let Some(job) = &self.job else { return Ok(()) };
@@ -329,7 +398,7 @@ impl<'a> App<'a> {
             self.state.facts.bake = None;
             if let Some(Err(error)) = self.job.take().map(BakeJob::join) {
                 // What was made until then stays.
-                self.state.facts.message = format!("the bake is no further refined: {error}");
+                self.state.facts.message = format!("the bake goes on no further: {error}");
                 self.observer.warn(&self.state.facts.message);
             }
         }

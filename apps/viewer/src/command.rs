@@ -7,7 +7,7 @@ use std::time::Duration;
 use assets::import::LoadedScene;
 use clap::{ArgMatches, Args};
 use patchlight::low_level::operator::Build;
-use patchlight::{Bake, BakeJob, MethodSettings, Refinement};
+use patchlight::{Bake, MethodSettings, Refinement, Scene, open};
 use runtime::executor::DeviceChoice;
 use serde::Serialize;
 use shell::Error;
@@ -23,7 +23,7 @@ use shell::progress::{Progress, is_cancelled};
 mod idle;
 
 use crate::script::HELP;
-use crate::{Display, MethodDefaults, Report, Settings};
+use crate::{Baking, Display, MethodDefaults, Report, Settings};
 
 /// Open a window on a scene or a bake: fly through it, move its lights and its sun, switch methods while it runs,
 /// compare with the path tracer or a picture. A scene is baked first. F1 in the window lists the keys.
@@ -120,17 +120,17 @@ pub fn run(common: &Common, args: &View, matches: &ArgMatches) -> Result<(), Err
     output::check_out(&common.out)?;
     // Before minutes of baking.
     let display = Display::open().map_err(window)?;
-    let (loaded, bake, job) = match input {
+    let (loaded, baking) = match input {
         Input::Bake => {
             let Opened { loaded, bake, .. } = Opened::read(Path::new(&args.scene), &progress)?;
-            (loaded, Arc::new(bake), None)
+            (loaded, Baking { bake: Arc::new(bake), job: None, again: None })
         }
         Input::Scene | Input::World => bake(common, args, &progress)?,
     };
     let settings = Settings {
         device: DeviceChoice::parse(&common.device),
         size: args.size,
-        method: args.method.unwrap_or_else(|| best_method(&bake)).name().to_owned(),
+        method: args.method.unwrap_or_else(|| best_method(&baking.bake)).name().to_owned(),
         methods: defaults(args, loaded.exposure_stops, common.seed),
         sub_frames: args.spp,
         reference: args.reference.clone(),
@@ -138,7 +138,7 @@ pub fn run(common: &Common, args: &View, matches: &ArgMatches) -> Result<(), Err
         out: output::folder_or(&common.out, &format!("{}-view", loaded.name)),
         seed: common.seed,
     };
-    let report = display.show(&loaded, (bake, job), &settings, &progress, &is_cancelled).map_err(window)?;
+    let report = display.show(&loaded, baking, &settings, &progress, &is_cancelled).map_err(window)?;
     if is_cancelled() {
         return Err(Error::Cancelled);
     }
@@ -151,7 +151,7 @@ fn window(error: crate::Error) -> Error {
 }
 
 /// The first level of a bake of a scene, with the operators that are asked for, and the job that refines it.
-fn bake(common: &Common, args: &View, progress: &Progress) -> Result<(LoadedScene, Arc<Bake>, Option<BakeJob>), Error> {
+fn bake<'a>(common: &'a Common, args: &'a View, progress: &'a Progress) -> Result<(LoadedScene, Baking<'a>), Error> {
     let memory_limit = args.operators.memory_limit;
     let loaded = output::import_within(&args.scene, memory_limit, progress)?;
     let of_scene = |error: patchlight::Error| Error::of_scene(error, &args.scene);
@@ -165,8 +165,14 @@ fn bake(common: &Common, args: &View, progress: &Progress) -> Result<(LoadedScen
     }
     // A device of its own, so that frames go on beside it.
     let device = open_device(common, progress)?;
-    let refinement = Refinement::default().with_methods(methods).with_build(build).with_device(Some(device));
-    let job = Bake::refine(&loaded.scene, &settings, refinement).map_err(of_scene)?;
+    let refinement = move |device| {
+        Refinement::default().with_methods(methods.clone()).with_build(build.clone()).with_device(Some(device))
+    };
+    let job = Bake::refine(&loaded.scene, &settings, refinement(device)).map_err(of_scene)?;
+    let again = move |scene: &Scene| {
+        let (device, _) = open(&DeviceChoice::parse(&common.device))?;
+        Bake::refine(scene, &settings, refinement(device))
+    };
     let first = progress.phase("first light", |steps| {
         loop {
             if let Some(bake) = job.take_newest() {
@@ -180,7 +186,7 @@ fn bake(common: &Common, args: &View, progress: &Progress) -> Result<(LoadedScen
         }
     });
     match first {
-        Some(bake) => Ok((loaded, bake, Some(job))),
+        Some(bake) => Ok((loaded, Baking { bake, job: Some(job), again: Some(Box::new(again)) })),
         // It has failed, or the user asked to stop.
         None => {
             job.cancel();

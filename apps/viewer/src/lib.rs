@@ -28,6 +28,6 @@ pub mod state;
 pub mod sun;
 pub mod times;
 
-pub use app::{Display, Report, Settings};
+pub use app::{Again, Baking, Display, Report, Settings};
 pub use error::Error;
 pub use methods::MethodDefaults;

@@ -88,6 +88,11 @@ impl Live {
         self.renderer.light().bytes().into_iter().collect()
     }
 
+    /// The bake that is shown.
+    pub fn bake(&self) -> &Arc<Bake> {
+        self.renderer.light().bake()
+    }
+
     /// The scene under the lights that are shown.
     pub fn scene(&self) -> &Scene {
         self.renderer.light().scene()

@@ -15,7 +15,7 @@ const WIDTH: f32 = 290.0;
 const GRAPH_HEIGHT: f32 = 190.0;
 
 /// Actions of keys and pointer, for the help.
-pub const KEYS: [(&str, &str); 13] = [
+pub const KEYS: [(&str, &str); 14] = [
     ("W A S D", "fly ahead, left, back, right"),
     ("Q E", "down, up"),
     ("Shift", "four times as fast"),
@@ -27,6 +27,7 @@ pub const KEYS: [(&str, &str); 13] = [
     ("V", "next view: light, patches, elements, …"),
     ("M", "next method"),
     ("Tab", "hide or show the panels"),
+    ("Ctrl-click", "pick an object of the scene; drag its handle, and its light follows"),
     ("F1, F12", "this help; screenshot"),
     ("Esc", "close"),
 ];

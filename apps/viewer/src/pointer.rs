@@ -6,7 +6,7 @@ use glam::Vec3;
 use scene::Camera;
 
 use crate::eye::{Eye, Flight, moved, project};
-use crate::state::{Request, Shown, State};
+use crate::state::{Picked, Request, Shown, State};
 
 /// Longest step of a flight, s: after a pause the camera does not jump.
 const LONGEST_STEP: f32 = 0.1;
@@ -28,6 +28,13 @@ pub fn show(ui: &mut Ui, state: &mut State, picture: Rect) {
     if background.dragged() {
         let delta = background.drag_delta();
         state.eye.turn((delta.x, delta.y), picture.height());
+    }
+    if background.clicked()
+        && ui.input(|input| input.modifiers.command)
+        && let Some(pointer) = background.interact_pointer_pos()
+    {
+        let place = (pointer - picture.min) / picture.size().max(vec2(1.0, 1.0));
+        state.requests.push(Request::Pick(place.x, place.y));
     }
     if background.contains_pointer() {
         let notches = ui.input(|input| input.smooth_scroll_delta().y / NOTCH);
@@ -172,6 +179,17 @@ fn handles(ui: &mut Ui, state: &mut State, picture: Rect) {
     {
         object.position += handle.moved;
         draw_handle(ui, object.albedo, true, handle.centre, handle.response.dragged());
+    }
+    if let Some(picked) = &mut state.picked
+        && let Some(handle) = handle(ui, Id::new("picked"), &camera, picture, picked.middle + picked.way)
+    {
+        picked.way += handle.moved;
+        draw_handle(ui, Vec3::ONE, true, handle.centre, true);
+        if handle.response.drag_stopped() && picked.way != Vec3::ZERO {
+            let Picked { object, way, .. } = *picked;
+            *picked = Picked { middle: picked.middle + way, way: Vec3::ZERO, ..*picked };
+            state.requests.push(Request::Move { object, way });
+        }
     }
 }
 

@@ -26,7 +26,7 @@ const MAX_RESIZE_FRAMES: u32 = 600;
 /// The commands, for the help of the program.
 pub const HELP: &str = "\
 wait N                       N frames
-baked                        until the bake has the settings asked for
+baked                        until the bake has the settings asked for, and what was moved its light
 seconds N                    so long, by the clock
 samples N                    until the path tracer has N paths a pixel
 key NAME [N]                 hold a key for N frames (W, A, S, D, Q, E, Tab, F1, Home, 1 to 9 …)
@@ -44,6 +44,7 @@ emission MATERIAL R G B      emitted radiance, W/m2/sr
 albedo MATERIAL R G B|bake   share of the light that it reflects; that of the bake again
 object ahead|X Y Z|off       a ball before the camera or there, m, lit by probes
 object radius M | albedo R G B
+move OBJECT X Y Z            an object of the scene, by its name or its number from 1, by so much, m
 exposure STOPS
 camera N                     the camera number N of the list, from 1
 eye X Y Z TX TY TZ           a place and what it looks at, m
@@ -113,6 +114,7 @@ enum Command {
     Emission { material: String, radiance: Vec3 },
     Albedo { material: String, albedo: Option<Vec3> },
     Object(ObjectChange),
+    Move { object: String, way: Vec3 },
     Exposure(f32),
     Camera(usize),
     Eye { position: Vec3, target: Vec3 },
@@ -181,7 +183,8 @@ impl Script {
                 line,
                 reason,
             })?;
-            let ends_frame = !is_over || matches!(command, Command::Screenshot(_) | Command::Quit);
+            let ends_frame =
+                !is_over || matches!(command, Command::Screenshot(_) | Command::Quit | Command::Move { .. });
             if is_over {
                 self.commands.pop_front();
                 self.taken = 0;
@@ -339,6 +342,10 @@ fn apply(command: &Command, state: &mut State) -> Result<(), String> {
             state.albedo[index] = *albedo;
         }
         Command::Object(change) => change_object(state, *change)?,
+        Command::Move { object, way } => {
+            let object = state.scene_object(object)?;
+            state.requests.push(Request::Move { object, way: *way });
+        }
         Command::Exposure(stops) => state.exposure_stops = *stops,
         Command::Camera(number) => choose_camera(state, *number)?,
         Command::Eye { position, target } => {
@@ -426,6 +433,7 @@ impl Words<'_> {
             "light" => self.light(),
             "emission" | "albedo" => self.material(),
             "object" => self.object(),
+            "move" => self.movement(),
             "camera" | "eye" | "method" | "view" => self.look(),
             "exposure" | "split" | "panels" | "sub-frames" => self.setting(),
             "screenshot" => self.screenshot(),
@@ -574,6 +582,16 @@ impl Words<'_> {
         Ok(Command::Object(change))
     }
 
+    /// The name of an object may have spaces.
+    fn movement(&self) -> Result<Command, String> {
+        let words = self.0;
+        if words.len() < 5 {
+            return Err(self.usage("OBJECT X Y Z"));
+        }
+        let first = words.len() - 3;
+        Ok(Command::Move { object: words[1..first].join(" "), way: self.vector(first)? })
+    }
+
     fn light(&self) -> Result<Command, String> {
         let words = self.0;
         let usage = "add point|sun|spot, K on|off|remove, or K position|direction|color|power NUMBERS";
@@ -715,6 +733,7 @@ mod tests {
             object radius 0.5
             object albedo 0.8 0.8 0.8
             object off
+            move tall block 0 0 0.5
             exposure -1
             camera 2
             eye 1 2 3 4 5 6
@@ -726,7 +745,7 @@ mod tests {
             screenshot a.png
             quit";
         let script = parse(text).unwrap();
-        assert_eq!(script.commands.len(), 37);
+        assert_eq!(script.commands.len(), 38);
         let radiance = Vec3::new(1.0, 2.0, 3.0);
         let emission = Command::Emission { material: "big lamp".into(), radiance };
         assert!(script.commands.contains(&(22, emission)), "{:?}", script.commands);
@@ -755,6 +774,7 @@ mod tests {
             ("albedo bake", "MATERIAL R G B|bake"),
             ("object 1 2", "X Y Z"),
             ("object radius 0", "above 0"),
+            ("move 1 2 3", "OBJECT X Y Z"),
             ("sub-frames 3", "[1, 2, 4, 16]"),
             ("size 0x9", "size 640x360"),
             ("screenshot a.jpg", ".png"),

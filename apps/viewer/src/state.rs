@@ -64,9 +64,29 @@ pub struct Split {
     pub at: f32,
 }
 
+/// An object of the scene that is to be moved.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Picked {
+    /// [`scene::gpu::Triangle::object`].
+    pub object: u32,
+    /// Its middle, m, with what it was moved so far.
+    pub middle: Vec3,
+    /// By how much it is moved when the pointer lets it go, m.
+    pub way: Vec3,
+}
+
 /// Action that is done once, after the panels.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq)]
 pub enum Request {
+    /// Picks the object at a place of the picture, shares of its width and height from the top left.
+    Pick(f32, f32),
+    /// Moves an object of the scene, m; its light follows.
+    Move {
+        /// [`scene::gpu::Triangle::object`].
+        object: u32,
+        /// m.
+        way: Vec3,
+    },
     /// The window as it is shown, into a file; without one, into the next numbered file of the folder.
     Screenshot(Option<PathBuf>),
     /// Another size of the window, pixels.
@@ -144,6 +164,10 @@ pub struct State {
     pub divisor: u32,
     /// Names of the materials.
     pub materials: Vec<String>,
+    /// Names of the objects of the scene.
+    pub objects: Vec<String>,
+    /// The object of the scene that is to be moved.
+    pub picked: Option<Picked>,
     /// Albedo of each material in place of the bake's.
     pub albedo: Vec<Option<Vec3>>,
     /// Albedo of each in the bake; none of a texture.
@@ -188,6 +212,8 @@ impl State {
             sub_frames: 1,
             divisor: 1,
             materials: material_names(loaded, bake),
+            objects: loaded.objects.clone(),
+            picked: None,
             albedo: vec![None; bake.scene().materials.len()],
             own_albedo: bake.scene().materials.iter().map(own_albedo).collect(),
             object: Object::new(OBJECT_RADIUS * metres),
@@ -226,6 +252,17 @@ impl State {
     pub fn material(&self, name: &str) -> Result<usize, String> {
         let found = self.materials.iter().position(|own| own == name);
         found.ok_or_else(|| format!("there is no material `{name}`; there are: {}", self.materials.join(", ")))
+    }
+
+    /// The number of an object of the scene: the first with this name, or one by its number, from 1.
+    ///
+    /// # Errors
+    /// The names that there are.
+    pub fn scene_object(&self, name: &str) -> Result<u32, String> {
+        let numbered = name.parse::<usize>().ok().and_then(|k| k.checked_sub(1)).filter(|&k| k < self.objects.len());
+        let found = self.objects.iter().position(|own| own == name).or(numbered);
+        let names = || format!("there is no object `{name}`; there are: {}", self.objects.join(", "));
+        found.map(|k| k as u32).ok_or_else(names)
     }
 
     /// Why the albedo of materials cannot be changed under the chosen method; none where it can.

@@ -9,7 +9,7 @@ use std::process::{Child, Command, Output, Stdio};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use glam::Vec3;
+use glam::{Affine3A, Vec3};
 use patchlight::low_level::operator::{Build, Codec};
 use patchlight::{
     Bake, BakeSettings, Estimator, FileSettings, LightSettings, MethodSettings, Origin, PictureRenderer,
@@ -243,6 +243,36 @@ fn a_scene_is_shown_before_its_bake_is_done_and_ends_as_that() {
     // The first level is a picture of the same room, and another one.
     let (greatest, wrong) = difference(&screenshot(&folder.path().join("first.png")).1, &expected);
     assert!(wrong > 100 && greatest < 128, "{greatest} {wrong}");
+}
+
+#[test]
+fn light_follows_an_object_that_is_moved() {
+    let Some(display) = Xvfb::start() else { return };
+    let (folder, path) = baked();
+    let script = "panels off
+         wait 1
+         screenshot before.png
+         move tall block 0.15 0 -0.1
+         baked
+         wait 1
+         screenshot after.png
+         quit";
+    show(&display, folder.path(), &path, script, &["--method", "classic"]);
+    let opened = Bake::open(path.as_ref()).unwrap();
+    let loaded = assets::load_or_build("cornell").unwrap();
+    let object = loaded.objects.iter().position(|name| name == "tall block").unwrap();
+    let mut edit = opened.bake.scene().edit();
+    edit.transform(object as u32, Affine3A::from_translation(Vec3::new(0.15, 0.0, -0.1)));
+    let moved = Arc::new(opened.bake.edit(&edit.build().unwrap(), &Silent).unwrap().bake);
+    let pictures = PictureSettings::default().with_size(SIZE).with_sub_frames(1);
+    let light = LightSettings::default();
+    let mut renderer = PictureRenderer::of_bake(moved, Box::new(Cpu::new()), &light, &pictures, &Silent).unwrap();
+    let lighting = opened.bake.scene().lighting.clone();
+    let expected = renderer.picture(&lighting, &loaded.view.camera(SIZE.0, SIZE.1), 0).unwrap().pictures.full;
+    let expected = expected.displayed_bytes(stops_to_scale(loaded.exposure_stops));
+    assert_eq!(difference(&screenshot(&folder.path().join("after.png")).1, &expected).1, 0);
+    let (greatest, wrong) = difference(&screenshot(&folder.path().join("before.png")).1, &expected);
+    assert!(wrong > 1000 && greatest > 64, "the block stands elsewhere: {greatest} {wrong}");
 }
 
 #[test]

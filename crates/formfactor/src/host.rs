@@ -3,6 +3,7 @@
 mod area;
 mod balance;
 mod contour;
+mod edit;
 mod estimate;
 #[cfg(feature = "std")]
 mod file;
@@ -14,6 +15,7 @@ mod triangle;
 pub use area::{polygon_point, recurrence};
 pub use balance::{Balance, balance, closure_residual, normalise_rows, reciprocity_residual};
 pub use contour::{point_to_polygon, polygon_to_polygon};
+pub use edit::{KeptRow, RowChanges, RowEdit, RowKey};
 pub use estimate::{
     AreaToArea, Contour, Estimator, FactorRows, Hemisphere, PointToPoint, SkyBin, form_factor_blocks, form_factors,
 };

@@ -33,10 +33,13 @@ pub use interpolation_mesh::InterpolationMesh;
 pub use lightmap::{LIGHTMAP_LIMIT, LightmapTexels};
 pub use lit::{LitSampler, Walker};
 pub use lookup::{Lookup, LookupSettings};
-pub use mesh::{Columns, MAX_PATCHES, MeshSettings, PatchKind, PatchMesh, lit_sampler, lit_sampler_with};
+pub use mesh::{
+    Columns, EditedMesh, MAX_PATCHES, MeshChange, MeshSettings, PatchKind, PatchMesh, Zone, lit_sampler,
+    lit_sampler_with,
+};
 pub use nearest::Nearest;
 pub use patch_set::PatchSet;
-pub use placement::{AddRows, MeshReceivers, Placing};
+pub use placement::{AddRows, KeptReceivers, MeshReceivers, Placing};
 pub use sample::{AreaRule, Keep, SampleReport, SampleSet, SampleSettings, sample_voxels, sample_voxels_by};
 pub use subdivide::{
     PatchSize, SubdivideSettings, Subdivision, cell_grids, divisions_for_area, divisions_for_count,

@@ -1,8 +1,8 @@
 //! The static part of a scene, computed once: patches, elements and receivers, and the form factors between them.
 
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 
-use formfactor::{Stop, jacobi};
+use formfactor::{RowKey, Stop, jacobi};
 use glam::Vec4;
 use patches::{
     Density, Focus, LitSampler, MAX_PATCHES, MeshReceivers, MeshSettings, PatchKind, PatchMesh, Placing, ViewSettings,
@@ -35,6 +35,9 @@ const HIT_BYTES: f64 = 1.2;
 const TOLERANCE: f32 = 1e-4;
 /// Bounces at most: an albedo of 0.95 in a closed room needs 180 for the tolerance.
 const MAX_BOUNCES: u32 = 200;
+
+/// Changes the random numbers of receivers.
+pub(crate) const RECEIVERS: u32 = 0x7265_6365;
 
 /// Shortest foot of something at which what it stands on is cut, as a share of the edge of a patch.
 const FOOT_OF_PATCH: f32 = 0.5;
@@ -169,6 +172,25 @@ pub struct Bake {
     pub(crate) settings: BakeSettings,
     /// Operators that methods need not make anew.
     pub(crate) operators: Vec<BakedOperator>,
+    /// Sources of the random numbers of rows, for edits.
+    pub(crate) keys: RowKeys,
+}
+
+/// Sources of the random numbers of rows.
+#[derive(Clone, Default)]
+pub(crate) struct RowKeys {
+    /// Those of the elements.
+    pub elements: Arc<Vec<RowKey>>,
+    /// Those of the receivers.
+    pub receivers: Arc<Vec<RowKey>>,
+}
+
+impl RowKeys {
+    /// Those of a bake that was not edited.
+    pub fn new(seed: u32, elements: usize, receivers: Vec<RowKey>) -> Self {
+        let elements = (0..elements as u32).map(|number| RowKey { seed, number }).collect();
+        Self { elements: Arc::new(elements), receivers: Arc::new(receivers) }
+    }
 }
 
 setters!(Bake {
@@ -332,6 +354,7 @@ impl<'a> PatchBake<'a> {
         let bake = Bake {
             scene: scene.clone(),
             direct: sample_params(scene, &mesh, settings),
+            keys: RowKeys::new(settings.seed, mesh.elements.len(), Vec::new()),
             mesh: Arc::new(mesh),
             form_factors,
             receivers: MeshReceivers::none(scene)?,
@@ -392,9 +415,9 @@ impl<'a> PatchBake<'a> {
         let Self { sampler, bake } = self;
         let settings = BakeSettings { patches: bake.settings.patches, ..*settings };
         check_receivers(&settings)?;
-        let receivers = run_phase(observer, Phase::RECEIVERS, |report| match &sampler {
+        let (receivers, keys) = run_phase(observer, Phase::RECEIVERS, |report| match &sampler {
             Some(sampler) if settings.receivers == ReceiverKind::Mesh => place(&bake, sampler, &settings, rays, report),
-            _ => Ok(MeshReceivers::none(&bake.scene)?),
+            _ => Ok((MeshReceivers::none(&bake.scene)?, Vec::new())),
         })?;
         rays.tell(Phase::RECEIVERS, observer);
         observer.note(&format!(
@@ -404,7 +427,8 @@ impl<'a> PatchBake<'a> {
             receivers.points.len(),
             receivers.interpolation.points.len()
         ));
-        let mut bake = Bake { receivers, settings, ..bake };
+        let keys = RowKeys { receivers: Arc::new(keys), ..bake.keys };
+        let mut bake = Bake { receivers, settings, keys, ..bake };
         bake.energy = run_phase(observer, Phase::ENERGY, |_| EnergyCheck::of(&bake))?;
         if let Some(energy) = &bake.energy {
             observer.note(&format!("energy: {}", energy.summary()));
@@ -449,7 +473,7 @@ fn make_mesh<'a>(
 }
 
 /// Builds the sampler, if light comes anywhere.
-fn sampler<'a>(
+pub(crate) fn sampler<'a>(
     scene: &'a Scene,
     density: Density,
     settings: &BakeSettings,
@@ -459,7 +483,7 @@ fn sampler<'a>(
 }
 
 /// An error that went through `patches`.
-fn own_error(error: patches::Error) -> Error {
+pub(crate) fn own_error(error: patches::Error) -> Error {
     match error {
         patches::Error::Rows(own) => match own.downcast::<Error>() {
             Ok(own) => *own,
@@ -480,7 +504,7 @@ fn mesh_settings(settings: &BakeSettings) -> MeshSettings {
 }
 
 /// Parameters of direct light at the samples of a mesh.
-fn sample_params(scene: &Scene, mesh: &PatchMesh, settings: &BakeSettings) -> DirectParams {
+pub(crate) fn sample_params(scene: &Scene, mesh: &PatchMesh, settings: &BakeSettings) -> DirectParams {
     DirectParams {
         count: mesh.points.len() as u32,
         area_rays: settings.sample_rays,
@@ -497,10 +521,10 @@ fn place(
     settings: &BakeSettings,
     device: &RowRays,
     report: &Report,
-) -> Result<MeshReceivers, Error> {
+) -> Result<(MeshReceivers, Vec<RowKey>), Error> {
     let scene = &bake.scene;
     let mesh = &bake.mesh;
-    let seed = settings.seed ^ 0x7265_6365;
+    let seed = settings.seed ^ RECEIVERS;
     let density = sampler.density();
     let area: f32 = mesh.patches.iter().map(|patch| patch.area * density.share(patch.centroid)).sum();
     let patch_edge = (area / mesh.patches.len().max(1) as f32).sqrt();
@@ -527,17 +551,40 @@ fn place(
         most: settings.most_receivers.unwrap_or(by_distance as usize),
         seed,
     };
-    // How many there will be is not known: the observer receives the rows of each round.
-    let add = |rows: &mut HitCounts, sky_rows: &mut HitCounts, points: &[SurfacePoint]| {
+    let keys = Mutex::new(Vec::new());
+    let add = receiver_rows(bake, settings.receiver_rays, seed, device, &keys, report);
+    let receivers = MeshReceivers::place(scene, sampler, mesh.elements.len(), &placing, &lights, &add);
+    let receivers = receivers.map_err(own_error)?;
+    drop(add);
+    Ok((receivers, taken(keys)))
+}
+
+/// Adds rows of receivers and their keys. How many there will be is not known: the observer receives those of each
+/// round.
+pub(crate) fn receiver_rows<'a>(
+    bake: &'a Bake,
+    rays: u32,
+    seed: u32,
+    device: &'a RowRays,
+    keys: &'a Mutex<Vec<RowKey>>,
+    report: &'a Report,
+) -> impl Fn(&mut HitCounts, &mut HitCounts, &[SurfacePoint]) -> Result<(), patches::Error> + 'a {
+    move |rows, sky_rows, points| {
         let offsets: Vec<u32> = (0..=points.len() as u32).collect();
         let seed = hash3(transport::LinearOperator::rows(rows) as u32, 0, seed);
-        let own = ElementRows { scene, mesh, points, offsets: &offsets, rays: settings.receiver_rays, seed };
+        let own = ElementRows { scene: &bake.scene, mesh: &bake.mesh, points, offsets: &offsets, rays, seed };
         let sky = (sky_rows, &sky_bin as &formfactor::SkyBin);
         let added = device.add(rows, Some(sky), &own, report);
         added.map_err(|error| patches::Error::Rows(Box::new(error)))?;
+        let new = (0..points.len() as u32).map(|number| RowKey { seed, number });
+        keys.lock().unwrap_or_else(PoisonError::into_inner).extend(new);
         Ok(())
-    };
-    MeshReceivers::place(scene, sampler, mesh.elements.len(), &placing, &lights, &add).map_err(own_error)
+    }
+}
+
+/// The keys of rows that were added.
+pub(crate) fn taken(keys: Mutex<Vec<RowKey>>) -> Vec<RowKey> {
+    keys.into_inner().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// Only voxels have a lookup between patches.

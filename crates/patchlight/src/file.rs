@@ -1,6 +1,6 @@
 //! Bakes in files: written stage by stage, gone on with after an interruption, and opened without the scene's files.
 //!
-//! # Format, version 6
+//! # Format, version 8
 //!
 //! | part | bytes |
 //! |---|---|
@@ -18,7 +18,7 @@
 //! | 2 | scene | geometry with its hierarchy and textures, materials, lighting |
 //! | 3 | patches | [`PatchMesh`] |
 //! | 4 | form factors | [`FormFactors`], density, how direct light is measured, bounces |
-//! | 5 | receivers | [`MeshReceivers`], and what the bake says of its errors ([`EnergyCheck`]) |
+//! | 5 | receivers | [`MeshReceivers`], what the bake says of its errors ([`EnergyCheck`]), keys of the rows' random numbers |
 //! | 6 | operator | a [`BakedOperator`]; one each |
 //!
 //! Version 1 are worlds, whose format is that of `localmatrix`.
@@ -28,6 +28,7 @@ mod sections;
 use std::path::Path;
 use std::sync::Arc;
 
+use formfactor::RowKey;
 use localmatrix::BakeError;
 use patches::{Density, MeshReceivers, PatchMesh};
 use runtime::executor::Executor;
@@ -37,7 +38,7 @@ use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 use transport::{LinearOperator as _, Observer, check_length};
 
-use crate::bake::{Bake, BakeSettings, PatchBake, cut_scene, density_of};
+use crate::bake::{Bake, BakeSettings, PatchBake, RowKeys, cut_scene, density_of};
 use crate::energy::EnergyCheck;
 use crate::error::{Error, Reason};
 use crate::form_factors::{FormFactors, RowRays};
@@ -147,6 +148,8 @@ struct StoredFactors {
 struct StoredReceivers {
     receivers: MeshReceivers,
     energy: Option<EnergyCheck>,
+    #[serde(with = "scene::pod::table")]
+    keys: Vec<RowKey>,
 }
 
 /// A bake that was opened.
@@ -207,12 +210,17 @@ impl Bake {
         let rays = &RowRays::on(device);
         let patches = write_patches(&mut writer, scene, density, &settings.bake, rays, observer)?;
         let mut bake = match writer.take(Kind::Receivers)? {
-            Some(StoredReceivers { receivers, energy }) => Bake { receivers, energy, ..patches.bake().clone() },
+            Some(StoredReceivers { receivers, energy, keys }) => {
+                let bake = patches.bake().clone();
+                let keys = RowKeys::new(settings.bake.seed, bake.mesh.elements.len(), keys);
+                Bake { receivers, energy, keys, ..bake }
+            }
             None => {
                 let bake = patches.with_receivers_by(&settings.bake, rays, observer)?;
                 let receivers = bake.receivers.clone();
                 let energy = bake.energy;
-                writer.put(Kind::Receivers, &StoredReceivers { receivers, energy })?;
+                let keys = bake.keys.receivers.to_vec();
+                writer.put(Kind::Receivers, &StoredReceivers { receivers, energy, keys })?;
                 bake
             }
         };
@@ -259,10 +267,12 @@ impl Bake {
             },
         );
         let StoredFactors { form_factors, density, direct, bounces } = factors?;
-        let StoredReceivers { receivers, energy } = receivers?;
+        let StoredReceivers { receivers, energy, keys } = receivers?;
+        let mesh = mesh?;
         let bake = Bake {
             scene: scene?,
-            mesh: Arc::new(mesh?),
+            keys: RowKeys::new(head.settings.seed, mesh.elements.len(), keys),
+            mesh: Arc::new(mesh),
             form_factors,
             receivers,
             density,
@@ -292,6 +302,7 @@ fn write_patches<'a>(
     if let (Some(mesh), Some(StoredFactors { form_factors, density, direct, bounces })) = (mesh, factors) {
         let bake = Bake {
             scene: scene.clone(),
+            keys: RowKeys::new(settings.seed, mesh.elements.len(), Vec::new()),
             mesh: Arc::new(mesh),
             form_factors,
             receivers: MeshReceivers::none(scene)?,
@@ -336,6 +347,7 @@ fn check(bake: &Bake) -> Result<(), Error> {
     check_length("sky factors", elements, form_factors.sky_factor.len())?;
     check_length("samples", mesh.points.len(), bake.direct.count as usize)?;
     receivers.check(scene.geometry.triangles.len(), elements)?;
+    check_length("keys of receivers", receivers.points.len(), bake.keys.receivers.len())?;
     for operator in operators {
         operator.operator.check(patches)?;
     }

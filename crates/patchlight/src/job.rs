@@ -11,7 +11,7 @@ use transport::{Observer, Phase, Proceed};
 
 use crate::bake::{Bake, BakeSettings};
 use crate::error::{Error, Reason};
-use crate::refine::{Refinement, refine};
+use crate::refine::{Refinement, edit, refine};
 
 /// Position of a bake in its work.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -159,6 +159,21 @@ impl Bake {
         let settings = *settings;
         let pool = refinement.pool.clone();
         BakeJob::spawn(pool, move |shared| refine(&scene, &settings, refinement, shared))
+    }
+
+    /// Begins [`Bake::edit`] on a thread of its own. The new bake has the operators that this one has, and those of the
+    /// [`Refinement`]'s methods; it has one level.
+    ///
+    /// # Errors
+    /// [`Device`](crate::ErrorKind::Device) where the system gives no thread.
+    pub fn start_edit(self: &Arc<Self>, scene: &Scene, refinement: Refinement) -> Result<BakeJob, Error> {
+        let before = Arc::clone(self);
+        let scene = scene.clone();
+        let pool = refinement.pool.clone();
+        BakeJob::spawn(pool, move |shared| {
+            shared.begin_level(0, 1, 0.0, 1.0);
+            edit(&before, &scene, refinement, shared)
+        })
     }
 }
 

@@ -55,6 +55,7 @@ pub mod albedo;
 pub mod bake;
 #[cfg(feature = "debug-pictures")]
 pub mod debug;
+pub mod edit;
 pub mod energy;
 pub mod error;
 pub mod file;
@@ -78,6 +79,8 @@ pub mod world;
 pub use albedo::{Albedo, MAX_ALBEDO};
 #[doc(inline)]
 pub use bake::{Bake, BakeSettings, PatchBake, ReceiverKind};
+#[doc(inline)]
+pub use edit::EditedBake;
 #[doc(inline)]
 pub use energy::{EnergyCheck, MeanRatio};
 #[doc(inline)]

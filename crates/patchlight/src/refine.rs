@@ -129,6 +129,22 @@ pub(crate) fn refine(
     make(levels.len() - 1)
 }
 
+/// Edits a bake, and makes its operators again.
+pub(crate) fn edit(
+    before: &Bake,
+    scene: &Scene,
+    refinement: Refinement,
+    observer: &dyn Observer,
+) -> Result<Arc<Bake>, Error> {
+    let Refinement { methods, build, device, .. } = refinement;
+    let mut device = device.unwrap_or_else(|| Box::new(Cpu::new()));
+    let mut bake = before.edit(scene, observer)?.bake;
+    let keys: Vec<OperatorKey> = before.operators.iter().map(|baked| baked.key).collect();
+    bake.make_operators(&keys, &build, device.as_mut(), observer)?;
+    bake.build_operators(&methods, &build, device.as_mut(), observer)?;
+    Ok(Arc::new(bake))
+}
+
 impl Bake {
     /// Builds the operators of methods that it does not have yet, so that these begin with the first frame; `device` may
     /// build them. Methods that do not serve the scene, and those without an operator, are passed over.
@@ -142,15 +158,27 @@ impl Bake {
         device: &mut (dyn Executor + 'static),
         observer: &dyn Observer,
     ) -> Result<(), Error> {
+        let serving = methods.iter().filter(|method| method.check_medium(&self.scene).is_ok());
+        let keys = OperatorKey::of_all(serving, &self.settings);
+        self.make_operators(&keys, build, device, observer)
+    }
+
+    /// Builds the operators with these keys that it does not have yet.
+    pub(crate) fn make_operators(
+        &mut self,
+        keys: &[OperatorKey],
+        build: &Build,
+        device: &mut (dyn Executor + 'static),
+        observer: &dyn Observer,
+    ) -> Result<(), Error> {
         if self.mesh.patches.is_empty() {
             return Ok(());
         }
         let shared = Arc::new(self.clone());
         let eye = glam::Vec3::ZERO;
         let with = Preparation { bake: &shared, decode: Decode::Auto, build, eye, observer };
-        let serving = methods.iter().filter(|method| method.check_medium(&shared.scene).is_ok());
-        for key in OperatorKey::of_all(serving, &self.settings) {
-            if !shared.operators.iter().any(|baked| baked.key == key) {
+        for &key in keys {
+            if !self.operators.iter().any(|baked| baked.key == key) {
                 let operator = key.find_or_build(&with, device)?;
                 self.operators.push(BakedOperator { key, operator });
             }

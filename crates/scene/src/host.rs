@@ -4,6 +4,7 @@ mod builder;
 mod camera;
 pub mod clip;
 mod distribution;
+mod edit;
 #[cfg(feature = "std")]
 mod file;
 mod geometry;
@@ -26,6 +27,7 @@ pub(crate) use wide::WideBvh;
 
 pub use builder::{BuildError, LightId, MaterialId, Mesh, MeshFault, MeshId, SceneBuilder, TextureId};
 pub use distribution::Distribution;
+pub use edit::SceneEdit;
 #[cfg(feature = "std")]
 pub use file::{open_regular, read_regular};
 pub use geometry::{Geometry, Occluder, texel_count};

@@ -12,6 +12,7 @@ use transport::{Dense, Polygon, Proceed, QUADRANTS, Surfaces, check_length, quad
 
 use super::area;
 use super::contour;
+use super::edit::RowKey;
 use crate::error::Error;
 use crate::kernel::hemisphere::{EXTRA_COLUMNS, hemisphere_ray, hemisphere_row, ray_share};
 use crate::types::HemisphereParams;
@@ -159,13 +160,18 @@ fn hemisphere_params(surfaces: &Surfaces, row: usize, rays: u32) -> HemispherePa
     }
 }
 
+/// Parameters of the rays of a row with this key.
+pub(super) fn numbered_params(surfaces: &Surfaces, key: RowKey, rays: u32) -> HemisphereParams {
+    HemisphereParams { seed: key.seed, ..hemisphere_params(surfaces, 0, rays) }
+}
+
 /// Column of what ray `k` of a row meets: a patch, `patch_count` for the sky, `patch_count + 1` for what no patch owns.
 fn hemisphere_column(s: &Surfaces, p: &HemisphereParams, row: usize, k: u32) -> u32 {
     let (origin, direction) = hemisphere_ray(p, s.offsets, s.points, row as u32, k);
     ray_column(s, p, origin, direction)
 }
 
-fn ray_column(s: &Surfaces, p: &HemisphereParams, origin: Vec3, direction: Vec3) -> u32 {
+pub(super) fn ray_column(s: &Surfaces, p: &HemisphereParams, origin: Vec3, direction: Vec3) -> u32 {
     hit_column(s, p, &s.visibility.closest(origin, direction), direction)
 }
 

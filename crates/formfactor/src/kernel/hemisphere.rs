@@ -2,7 +2,7 @@
 //! it hits. Every row has its own points: `points[offsets[row]..offsets[row + 1]]`.
 
 use glam::Vec3;
-use scene::sampling::{cosine_hemisphere, hash3, sobol2, unit};
+use scene::sampling::{cosine_hemisphere, hash3, sobol2_fast, unit};
 use scene::{GeometryTables, Hit, NONE, SurfacePoint};
 
 use crate::types::{HemisphereParams, TriangleGrid};
@@ -40,11 +40,28 @@ pub fn hemisphere_ray(
 ) -> (Vec3, Vec3) {
     let first = offsets[row as usize];
     let count = offsets[row as usize + 1] - first;
-    let point = points[(first + point_of_ray(p.rays, count, k).0) as usize];
-    let (x, y) = sobol2(k);
-    let u = unit(x.wrapping_add(hash3(row, 0x6865_6d69, p.seed)));
-    let v = unit(y.wrapping_add(hash3(row, 0x7370_6865, p.seed)));
-    (point.position + point.normal * p.ray_offset, cosine_hemisphere(point.normal, (u, v)))
+    ray_from(p, points[(first + point_of_ray(p.rays, count, k).0) as usize], row, k)
+}
+
+/// The point from which ray `k` of a row with these points starts. Needs at least one.
+#[inline]
+pub fn origin_of_ray(p: &HemisphereParams, own: &[SurfacePoint], k: u32) -> SurfacePoint {
+    own[point_of_ray(p.rays, own.len() as u32, k).0 as usize]
+}
+
+/// Ray `k` of the row with this number, wherever the row stands in a table now, from a point of it.
+#[inline]
+pub fn ray_from(p: &HemisphereParams, point: SurfacePoint, number: u32, k: u32) -> (Vec3, Vec3) {
+    let (x, y) = sobol2_fast(k);
+    let (shift_u, shift_v) = shift_of_row(p.seed, number);
+    let square = (unit(x.wrapping_add(shift_u)), unit(y.wrapping_add(shift_v)));
+    (point.position + point.normal * p.ray_offset, cosine_hemisphere(point.normal, square))
+}
+
+/// By how much the Sobol points of the row with this number are shifted, as fixed-point words.
+#[inline]
+pub fn shift_of_row(seed: u32, number: u32) -> (u32, u32) {
+    (hash3(number, 0x6865_6d69, seed), hash3(number, 0x7370_6865, seed))
 }
 
 /// Share of the row's energy that ray `k` carries: the weight of its point over that point's number of rays (equal

@@ -147,6 +147,11 @@ impl<'a> LitSampler<'a> {
         even_samples(self.scene, &self.density, candidates as u32, seed)
     }
 
+    /// Samples without asking, each for `area` m² times [`Density::share`].
+    pub fn candidates_for(&self, area: f64, seed: u32) -> Vec<Sample> {
+        even_samples(self.scene, &self.density, (self.total_area / area) as u32, seed)
+    }
+
     /// Those of the samples to which light comes and that nothing covers within a share of the distance between them:
     /// in so narrow a gap it is dark, and whoever interpolates between samples would take the darkness out of it. Where
     /// all are covered they stay.

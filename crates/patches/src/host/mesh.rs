@@ -3,6 +3,7 @@
 
 mod build;
 mod cells;
+mod edit;
 
 use alloc::boxed::Box;
 use alloc::sync::Arc;
@@ -14,6 +15,7 @@ use transport::kernel::grid::owner;
 use transport::{Owner, Patch, Polygon, Surfaces, TriangleGrid};
 
 pub use build::{lit_sampler, lit_sampler_with};
+pub use edit::{EditedMesh, MeshChange, Zone};
 
 use super::lookup::Lookup;
 

@@ -22,6 +22,7 @@ use self::refinement::ReceiverSamples;
 use super::focus::Density;
 use super::interpolation_mesh::InterpolationMesh;
 use super::lit::LitSampler;
+use super::mesh::Zone;
 use super::test_lights::{Estimates, Lights, TestLights};
 use super::weights::{PackedWeights, Weight};
 use crate::error::Error;
@@ -127,7 +128,54 @@ impl MeshReceivers {
         add_rows: &AddRows,
     ) -> Result<Self, Error> {
         let placement = Placement { scene, sampler, placing, lights, add_rows };
-        let set = placement.refined_samples(elements)?;
+        placement.finish(placement.refined_samples(elements)?)
+    }
+
+    /// Receivers of a scene that was edited: those that stay, and in the zone, which none of them is in, new ones, for
+    /// the mean area of a receiver each. Of the placement only the number of rays, the seed and the most receivers
+    /// count.
+    ///
+    /// # Errors
+    /// As [`Self::place`].
+    pub fn place_again(
+        sampler: &LitSampler,
+        kept: KeptReceivers,
+        zone: &Zone,
+        placing: &Placing,
+        lights: &TestLights,
+        add_rows: &AddRows,
+    ) -> Result<Self, Error> {
+        let placement = Placement { scene: sampler.scene(), sampler, placing, lights, add_rows };
+        placement.finish(placement.kept_samples(kept, zone)?)
+    }
+}
+
+/// Receivers that stay where a scene was edited.
+pub struct KeptReceivers {
+    /// Points where irradiance is gathered.
+    pub points: Vec<SurfacePoint>,
+    /// Their rows over the elements that there are now.
+    pub rows: HitCounts,
+    /// Their rows over the sky's bins.
+    pub sky_rows: HitCounts,
+    /// Number of receivers before the edit.
+    pub before: usize,
+}
+
+/// Inputs of all steps of [`MeshReceivers::place`].
+struct Placement<'a> {
+    scene: &'a Scene,
+    sampler: &'a LitSampler<'a>,
+    placing: &'a Placing,
+    lights: &'a TestLights,
+    add_rows: &'a AddRows<'a>,
+}
+
+impl<'a> Placement<'a> {
+    /// Everything that follows from receivers with rows, and some more of them.
+    fn finish(&self, set: ReceiverSamples<'a>) -> Result<MeshReceivers, Error> {
+        let Self { scene, sampler, placing, lights, .. } = *self;
+        let placement = self;
         let mut field = ReceiverField::new(set);
         let mut interpolation = field.interpolation_mesh(sampler, placing.seed)?;
         // An interpolation point that sees no receiver is inside of a solid or behind a wall.
@@ -152,7 +200,7 @@ impl MeshReceivers {
         let weights = PackedWeights::new(weights.len(), |k| {
             weights[k].iter().map(|&entry| rotated_weight(samples, points[k].normal, entry)).collect()
         })?;
-        Ok(Self {
+        Ok(MeshReceivers {
             points: Arc::new(field.set.points),
             rows: Arc::new(field.set.rows),
             sky_rows: Arc::new(field.set.sky_rows),
@@ -161,18 +209,24 @@ impl MeshReceivers {
             weights: Arc::new(weights),
         })
     }
-}
 
-/// Inputs of all steps of [`MeshReceivers::place`].
-struct Placement<'a> {
-    scene: &'a Scene,
-    sampler: &'a LitSampler<'a>,
-    placing: &'a Placing,
-    lights: &'a TestLights,
-    add_rows: &'a AddRows<'a>,
-}
+    /// Receivers that stay, and new ones in a zone.
+    fn kept_samples(&self, kept: KeptReceivers, zone: &Zone) -> Result<ReceiverSamples<'a>, Error> {
+        let Self { scene, sampler, placing, .. } = *self;
+        let KeptReceivers { mut points, rows, sky_rows, before } = kept;
+        (0u32..).zip(&mut points).for_each(|(k, point)| point.patch = k);
+        let area = sampler.lit_area() / before.max(1) as f64;
+        let candidates = sampler.candidates_for(area, placing.seed).into_par_iter();
+        let near = candidates.filter(|sample| zone.contains(sample.position)).collect();
+        let mut samples: Vec<Sample> = points.iter().map(sample_at).collect();
+        samples.extend(sampler.lit_samples(near, placing.seed)?);
+        let density = *sampler.density();
+        let mut set = ReceiverSamples { scene, density, samples, points, rows, sky_rows, mean_area: 0.0 };
+        set.add_rows(self.add_rows)?;
+        set.share_out(sampler.lit_area());
+        Ok(set)
+    }
 
-impl<'a> Placement<'a> {
     /// Even receivers, and more of them where they differ from the mean of their neighbours.
     fn refined_samples(&self, elements: usize) -> Result<ReceiverSamples<'a>, Error> {
         let Self { sampler, placing, .. } = self;
@@ -192,10 +246,7 @@ impl<'a> Placement<'a> {
             set.samples.extend(added);
             set.add_rows(self.add_rows)?;
         }
-        // All stand for the same mean area, as it is counted: distances are measured in the mean edge.
-        let area = (sampler.lit_area() / set.samples.len().max(1) as f64) as f32;
-        set.samples.iter_mut().for_each(|sample| sample.area = area / sampler.density().share(sample.position));
-        set.mean_area = area;
+        set.share_out(sampler.lit_area());
         Ok(set)
     }
 

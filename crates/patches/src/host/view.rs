@@ -105,23 +105,50 @@ pub fn view_clusters(sampler: &LitSampler, settings: &ViewSettings) -> Result<Vi
     if wanted > u64::from(u32::MAX / 64) {
         return Err(Error::TooMany { name: "samples", found: wanted, limit: u64::from(u32::MAX / 64) });
     }
-    let scene = sampler.scene();
     let samples = sampler.samples(wanted as u32, settings.seed)?;
     if samples.is_empty() {
         return Err(Error::NoSamples);
     }
     let edge = scene::math::sqrt((sampler.lit_area() / f64::from(settings.patches)) as f32);
-    let mut features = see(scene, &samples, sampler.density(), edge, settings.seed);
-    add_light(scene, &samples, &mut features, settings.seed);
     let elements = settings.patches.saturating_mul(settings.elements).min(settings.most_elements).max(settings.patches);
+    let wanted = Wanted {
+        patches: settings.patches as usize,
+        elements: elements as usize,
+        samples: settings.samples as usize,
+        edge,
+        seed: settings.seed,
+    };
+    clusters_of(sampler, &samples, &wanted)
+}
+
+/// Clusters that are wanted.
+pub(super) struct Wanted {
+    pub patches: usize,
+    pub elements: usize,
+    /// Samples of a patch, on average.
+    pub samples: usize,
+    /// Typical edge of a patch in the focus, m.
+    pub edge: f32,
+    /// Changes every random number.
+    pub seed: u32,
+}
+
+/// [`view_clusters`] of samples that are there.
+///
+/// # Errors
+/// [`Error::TooMany`].
+pub(super) fn clusters_of(sampler: &LitSampler, samples: &[Sample], wanted: &Wanted) -> Result<ViewClusters, Error> {
+    let scene = sampler.scene();
+    let mut features = see(scene, samples, sampler.density(), wanted.edge, wanted.seed);
+    add_light(scene, samples, &mut features, wanted.seed);
     let set = Set {
         scene,
-        samples: &samples,
+        samples,
         features: &features,
         counted_area: samples.iter().map(|sample| sample.area).fold(f32::INFINITY, f32::min),
-        asked: ASKED * settings.samples as usize,
+        asked: ASKED * wanted.samples,
     };
-    let cut = set.split(settings.patches as usize, elements as usize);
+    let cut = set.split(wanted.patches, wanted.elements);
     let samples: Vec<Sample> = cut.order.iter().map(|&k| samples[k as usize]).collect();
     let members = (0..samples.len() as u32).map(|sample| Member { sample, weight: 1.0 }).collect();
     let voxels = alloc::vec![NONE; cut.patches.len() - 1];

@@ -289,11 +289,16 @@ impl RowBlock {
 impl HitTables {
     /// Puts the rows on the device.
     pub fn new(plan: &mut Plan, tables: &mut Tables, hits: &Arc<HitCounts>) -> Self {
+        // Rows of which no ray met anything have no quads, and a binding has at least one.
+        let is_empty = hits.quads().is_empty();
         Self {
             hits: Arc::clone(hits),
             row_start: tables.part(plan, "row starts", hits, |hits| hits.row_start()),
-            quads: tables.part(plan, "quads", hits, |hits| hits.quads()),
-            counts: tables.owned(plan, "counts", hits.count_words()),
+            quads: match is_empty {
+                true => tables.owned(plan, "quads", vec![UVec2::ZERO]),
+                false => tables.part(plan, "quads", hits, |hits| hits.quads()),
+            },
+            counts: tables.owned(plan, "counts", if is_empty { vec![0] } else { hits.count_words() }),
             scales: tables.part(plan, "scales", hits, |hits| hits.scales()),
         }
     }
@@ -357,8 +362,9 @@ impl HitTables {
 
     fn block(&self, rows: ops::Range<usize>) -> RowBlock {
         let starts = self.hits.row_start();
-        let first_quad = starts[rows.start] as usize / BLOCK_STEP * BLOCK_STEP;
-        let quads = starts[rows.end] as usize - first_quad;
+        let last = self.hits.quads().len().saturating_sub(1);
+        let first_quad = last.min(starts[rows.start] as usize) / BLOCK_STEP * BLOCK_STEP;
+        let quads = (starts[rows.end] as usize - first_quad).max(1);
         let words = quads.div_ceil(WORD_COUNTS as usize);
         RowBlock {
             row_start: self.row_start.part(rows.start, rows.len() + 1),

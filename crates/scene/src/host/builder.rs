@@ -64,6 +64,11 @@ pub struct MeshId(u32);
 pub struct LightId(u32);
 
 impl MaterialId {
+    /// The material with this number among [`Scene::materials`], for meshes that are added to a scene.
+    pub fn of_scene(index: usize) -> Self {
+        Self(index as u32)
+    }
+
     /// Its number among [`Scene::materials`].
     pub fn index(self) -> usize {
         self.0 as usize
@@ -243,6 +248,16 @@ impl Scene {
 }
 
 impl SceneBuilder {
+    /// Goes on with the parts of a scene; the next mesh gets a number that no object has.
+    pub(super) fn of_parts(parts: SceneParts) -> Self {
+        let meshes = parts.triangles.iter().map(|t| t.object.saturating_add(1)).max().unwrap_or(0);
+        Self { parts, meshes, fault: None }
+    }
+
+    pub(super) fn parts_mut(&mut self) -> &mut SceneParts {
+        &mut self.parts
+    }
+
     /// Adds a material.
     pub fn add_material(&mut self, material: Material) -> MaterialId {
         let number = self.parts.materials.len();

@@ -64,8 +64,57 @@ impl HitCounts {
         if let Some(index) = scales.iter().position(|s| !s.is_finite()) {
             return Err(Error::Value { name: "scales", index, value: f64::from(scales[index]), rule: "finite" });
         }
-        let coded: Vec<Row> =
-            (0..rows).into_par_iter().map(|k| Row::new(&hits[k * rays..(k + 1) * rays], self.columns)).collect();
+        let row = |k: usize| Row::new(&hits[k * rays..(k + 1) * rays], self.columns);
+        self.append((0..rows).into_par_iter().map(row).collect(), scales)
+    }
+
+    /// Adds rows that follow from those of another operator, coded on all cores. Column c of that is `columns[c]` here.
+    ///
+    /// # Errors
+    /// [`Error::Length`] unless there is one scale a row and one column for each of the other operator;
+    /// [`Error::Value`] for a row that is not there or hits a column that has none here; [`Error::TooMany`] beyond
+    /// 2³² − 1 quads.
+    pub fn push_edited(
+        &mut self,
+        before: &Self,
+        columns: &[u32],
+        rows: &[EditedRow],
+        scales: &[f32],
+    ) -> Result<(), Error> {
+        check_length("scales", rows.len(), scales.len())?;
+        check_length("columns", before.columns, columns.len())?;
+        let row = |row: &EditedRow| match row {
+            EditedRow::Same(row) => before.mapped(*row, columns, self.columns),
+            EditedRow::Counts(own) => {
+                let mut known: Vec<(u32, u32)> =
+                    own.iter().copied().filter(|c| (c.0 as usize) < self.columns).collect();
+                known.sort_unstable();
+                Ok(Row::of_counts(&known))
+            }
+        };
+        self.append(rows.par_iter().map(row).collect::<Result<_, _>>()?, scales)
+    }
+
+    /// A row with other columns.
+    fn mapped(&self, row: usize, columns: &[u32], count: usize) -> Result<Row, Error> {
+        let wrong = |rule| Error::Value { name: "rows", index: row, value: row as f64, rule };
+        let (Some(&first), Some(&end)) = (self.row_start.get(row), self.row_start.get(row + 1)) else {
+            return Err(wrong("a row of the operator"));
+        };
+        let own = first as usize..end as usize;
+        let mut mapped = Row { quads: Vec::with_capacity(own.len()), counts: self.counts[own.clone()].to_vec() };
+        for quad in &self.quads[own] {
+            let four = [quad.x & 0xffff, quad.x >> 16, quad.y & 0xffff, quad.y >> 16].map(|c| columns[c as usize]);
+            if four.iter().any(|&column| column as usize >= count) {
+                return Err(wrong("one whose columns are all still there"));
+            }
+            mapped.quads.push(UVec2::new(four[0] | four[1] << 16, four[2] | four[3] << 16));
+        }
+        Ok(mapped)
+    }
+
+    /// Appends rows that are coded.
+    fn append(&mut self, coded: Vec<Row>, scales: &[f32]) -> Result<(), Error> {
         let found = (self.quads.len() + coded.iter().map(|row| row.quads.len()).sum::<usize>()) as u64;
         if found > u64::from(u32::MAX) {
             return Err(Error::TooMany { name: "quads", found, limit: u64::from(u32::MAX) });
@@ -197,6 +246,15 @@ impl HitCounts {
     }
 }
 
+/// A row that follows from those of another operator.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum EditedRow {
+    /// The row with this number, which hits no column that is gone.
+    Same(usize),
+    /// Columns, none twice, and how many rays hit each.
+    Counts(Vec<(u32, u32)>),
+}
+
 /// The quads of one row.
 #[derive(Default)]
 struct Row {
@@ -208,11 +266,20 @@ impl Row {
     fn new(hits: &[u32], columns: usize) -> Self {
         let mut known: Vec<u32> = hits.iter().copied().filter(|&column| (column as usize) < columns).collect();
         known.sort_unstable();
+        let counts = known.chunk_by(|a, b| a == b).map(|same| (same[0], same.len() as u32));
+        Self::of_counts(&counts.collect::<Vec<_>>())
+    }
+
+    /// Counts of columns, ascending.
+    fn of_counts(counts: &[(u32, u32)]) -> Self {
         // Columns by what is left of their counts.
         let mut left: [Vec<u32>; MAX_COUNT + 1] = [const { Vec::new() }; MAX_COUNT + 1];
-        for same in known.chunk_by(|a, b| a == b) {
-            for part in same.chunks(MAX_COUNT) {
-                left[part.len()].push(part[0]);
+        for &(column, count) in counts {
+            let mut rest = count as usize;
+            while rest > 0 {
+                let part = rest.min(MAX_COUNT);
+                left[part].push(column);
+                rest -= part;
             }
         }
         let mut row = Self::default();

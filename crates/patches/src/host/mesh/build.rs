@@ -163,8 +163,8 @@ impl PatchMesh {
         let points = ElementPoints::new(&elements);
         let counted = |p: &VirtualPatch| f64::from(p.area) * f64::from(density.share(p.position));
         let area: f64 = elements.patches.iter().map(counted).sum();
-        let lookup_cells = elements.len().max((LOOKUP_CELLS * patches.len()).min(MAX_LOOKUP_CELLS));
-        let grids = lookup_grids(scene, density, scene::math::sqrt((area / lookup_cells as f64) as f32))?;
+        let cells = lookup_cells(elements.len(), patches.len());
+        let grids = lookup_grids(scene, density, scene::math::sqrt((area / cells as f64) as f32))?;
         let sample_edge = scene::math::sqrt((area / elements.samples.len() as f64) as f32);
         let cells = cell_elements((scene, walker), density, &grids, &elements.samples, &points.owner, sample_edge)?;
         Ok(Self {
@@ -186,7 +186,7 @@ impl PatchMesh {
 }
 
 /// A virtual patch as one that light passes between.
-fn patch(p: &VirtualPatch) -> Patch {
+pub(super) fn patch(p: &VirtualPatch) -> Patch {
     Patch { centroid: p.position, area: p.area, normal: p.normal, triangle: NONE }
 }
 
@@ -202,31 +202,40 @@ fn mean_albedo(offsets: &[u32], points: &[SurfacePoint], albedo: &[Vec4]) -> Vec
 
 /// The grids in which elements are looked up: cells are as large as an element with this edge in the focus, m.
 fn lookup_grids(scene: &Scene, density: &Density, edge: f32) -> Result<Vec<TriangleGrid>, Error> {
-    let triangles = scene.geometry.triangles.len();
-    let mut divisions = Vec::with_capacity(triangles);
-    for triangle in 0..triangles as u32 {
-        let edge = edge * density.triangle_edge(&scene.geometry.triangles[triangle as usize]);
-        let along_edge = (scene.longest_edge(triangle) * CELLS / edge).ceil();
-        divisions.push(along_edge.clamp(1.0, MAX_DIVISIONS) as u32);
-    }
-    let sides = vec![Sides { front: true, back: true }; triangles];
+    let divisions = lookup_divisions(scene, density, edge);
+    let sides = vec![Sides { front: true, back: true }; divisions.len()];
     check_cells(scene, &sides, &divisions)?;
     cell_grids(&sides, &divisions)
 }
 
+/// Divisions of the triangles of [`lookup_grids`].
+pub(super) fn lookup_divisions(scene: &Scene, density: &Density, edge: f32) -> Vec<u32> {
+    let divisions = |triangle: usize| {
+        let edge = edge * density.triangle_edge(&scene.geometry.triangles[triangle]);
+        let along_edge = (scene.longest_edge(triangle as u32) * CELLS / edge).ceil();
+        along_edge.clamp(1.0, MAX_DIVISIONS) as u32
+    };
+    (0..scene.geometry.triangles.len()).map(divisions).collect()
+}
+
+/// Number of cells in which elements are looked up that would all be as large as an element.
+pub(super) fn lookup_cells(elements: usize, patches: usize) -> usize {
+    elements.max((LOOKUP_CELLS * patches).min(MAX_LOOKUP_CELLS))
+}
+
 /// The samples of elements as their points.
-struct ElementPoints {
+pub(super) struct ElementPoints {
     /// The points, element by element.
-    points: Vec<SurfacePoint>,
+    pub points: Vec<SurfacePoint>,
     /// Albedo at each.
-    albedo: Vec<Vec4>,
+    pub albedo: Vec<Vec4>,
     /// For each sample, the element that has the greatest part of it: what is near the sample
     /// belongs to that one.
-    owner: Vec<u32>,
+    pub owner: Vec<u32>,
 }
 
 impl ElementPoints {
-    fn new(elements: &PatchSet) -> Self {
+    pub fn new(elements: &PatchSet) -> Self {
         let mut points = Vec::with_capacity(elements.members.len());
         let mut albedo = Vec::with_capacity(elements.members.len());
         let mut owner = vec![NONE; elements.samples.len()];

@@ -48,9 +48,17 @@ pub(super) fn cell_elements(
     owner: &[u32],
     edge: f32,
 ) -> Result<Vec<u32>, Error> {
-    let search = ElementSearch { scene, density, samples, owner, nearest: Nearest::new(samples, density), edge };
+    let search = ElementSearch::new(scene, density, samples, owner, edge);
     let triangles = (0..grids.len()).into_par_iter();
     let found: Vec<Choice> = triangles.flat_map_iter(|t| search.triangle(t as u32, grids[t].divisions)).collect();
+    settled(walker, scene, found)
+}
+
+/// The elements that were chosen, where light comes to the cells that see no sample.
+///
+/// # Errors
+/// What the walker says.
+pub(super) fn settled(walker: Option<&dyn Walker>, scene: &Scene, found: Vec<Choice>) -> Result<Vec<u32>, Error> {
     let hidden: Vec<SurfacePoint> = found.iter().filter_map(|choice| choice.place).collect();
     let mut open = are_open(walker, scene, &hidden, WALKS)?.into_iter();
     let element = |choice: Choice| match choice.place {
@@ -62,15 +70,15 @@ pub(super) fn cell_elements(
 
 /// The element of a cell, or [`NONE`].
 #[derive(Clone, Copy)]
-struct Choice {
-    element: u32,
+pub(super) struct Choice {
+    pub element: u32,
     /// Middle of a cell that sees no sample. It has the element only if random walks from there come to light, which is
     /// the reachability test; the place's patch is their seed.
-    place: Option<SurfacePoint>,
+    pub place: Option<SurfacePoint>,
 }
 
 /// Finds the elements of cells.
-struct ElementSearch<'a> {
+pub(super) struct ElementSearch<'a> {
     scene: &'a Scene,
     density: &'a Density,
     samples: &'a [Sample],
@@ -81,9 +89,14 @@ struct ElementSearch<'a> {
     edge: f32,
 }
 
-impl ElementSearch<'_> {
+impl<'a> ElementSearch<'a> {
+    /// Among samples every `edge` m in the focus, each with its element.
+    pub fn new(scene: &'a Scene, density: &'a Density, samples: &'a [Sample], owner: &'a [u32], edge: f32) -> Self {
+        Self { scene, density, samples, owner, nearest: Nearest::new(samples, density), edge }
+    }
+
     /// The elements of the cells of a triangle's front, then of its back.
-    fn triangle(&self, triangle: u32, divisions: u32) -> Vec<Choice> {
+    pub fn triangle(&self, triangle: u32, divisions: u32) -> Vec<Choice> {
         let normal = self.scene.tables().normal(triangle);
         let cells = cells_in_places(&self.scene.geometry.triangles[triangle as usize], divisions);
         let mut elements = Vec::with_capacity(2 * cells.len());

@@ -57,6 +57,15 @@ impl<'a> ReceiverSamples<'a> {
         Ok(Self { scene, density, samples, points: Vec::new(), rows, sky_rows, mean_area: 0.0 })
     }
 
+    /// Lets all stand for the same mean area of so much surface, m², as it is counted: distances are measured in the mean
+    /// edge.
+    pub fn share_out(&mut self, surface: f64) {
+        let area = (surface / self.samples.len().max(1) as f64) as f32;
+        let density = self.density;
+        self.samples.iter_mut().for_each(|sample| sample.area = area / density.share(sample.position));
+        self.mean_area = area;
+    }
+
     /// Makes the rows that are missing. New samples are put into an order in which neighbours are
     /// near, so that lookups find what they need in the caches.
     pub fn add_rows(&mut self, add_rows: &AddRows) -> Result<(), Error> {
