@@ -5,24 +5,27 @@ use std::sync::Arc;
 use std::time::SystemTime;
 
 use clap::Args;
-use localmatrix::BakeError;
+use localmatrix::{BakeError, Part};
 use serde::Serialize;
 
-use super::world::check_file;
+use super::plan::{Format, RoundPlan};
+use super::world::{absolute, check_file, parse_part};
 use assets::import::LoadedScene;
 use patchlight::energy::EnergyCheck;
 use patchlight::file::{Section, beginning_of};
 use patchlight::low_level::operator::{Build, BuildOn};
 use patchlight::memory::peak_memory_bytes;
 use patchlight::method::FirstShotSettings;
+use patchlight::rounds::MAX_ROUNDS;
 use patchlight::{
     BakeSettings, Estimator, FileSettings, LightSettings, MethodSettings, Origin, PictureRenderer, PictureSettings,
-    ReceiverKind,
+    ReceiverKind, Scene,
 };
 use runtime::executor::{DeviceChoice, DeviceKind, Executor};
 use shell::Error;
 use shell::args::bake::parse_bytes;
 use shell::args::{BakeOptions, Common, FormFactors, Input, Method, OperatorSettings, PatchOptions, parse_purpose};
+use shell::device::open;
 use shell::opened::{Opened, build, is_younger, open_device, operator_of, options_of};
 use shell::output;
 use shell::progress::{Progress, continue_in, interruptible};
@@ -35,6 +38,7 @@ use shell::progress::{Progress, continue_in, interruptible};
     patchlight bake sponza.toml --patch-count 10000 -o sponza.bake\n  \
     patchlight bake office --for low_rank,feedback,temporal -o office.bake\n  \
     patchlight bake office --for multibounce --codec bc6h -o office.bake\n  \
+    patchlight bake sponza.toml --plan 8 --format slurm -o sponza.bake     the jobs of a farm: sbatch sponza.sbatch\n  \
     patchlight render office.bake --method temporal --frames 60 --animate sun\n  \
     patchlight info office.bake\n\n\
     --out names the file [default: SCENE.bake]. Worlds larger than memory: `patchlight world`.")]
@@ -56,17 +60,27 @@ pub struct Bake {
     pub bake: BakeOptions,
     #[command(flatten)]
     pub operators: OperatorSettings,
-    /// Says that only worlds are baked in parts.
-    #[arg(long, hide = true, value_parser = refuse_plan)]
+    /// Bake nothing, but write the jobs of a farm beside the file that --out names: rounds of rows that follow from each
+    /// other, each traced in N parts; the scene and the file must be where all workers see them.
+    #[arg(
+        long,
+        value_name = "N",
+        requires = "format",
+        conflicts_with = "round",
+        value_parser = clap::value_parser!(u32).range(1..=1000),
+        help_heading = "Farm"
+    )]
     pub plan: Option<u32>,
-    /// As for worlds.
-    #[arg(long, hide = true, requires = "plan")]
-    pub format: Option<String>,
-}
-
-fn refuse_plan(_: &str) -> Result<u32, String> {
-    let why = "the bake of a scene is made whole: each round of its receivers follows from the one before";
-    Err(format!("{why}; bakes of worlds have parts: `patchlight world SCENE --plan N`"))
+    /// Who runs the jobs.
+    #[arg(long, value_enum, requires = "plan", help_heading = "Farm")]
+    pub format: Option<Format>,
+    /// Go on to a round of rows, 1 to 7, and leave its task beside the file that --out names; the rows of those before
+    /// must be there.
+    #[arg(long, value_name = "R", value_parser = clap::value_parser!(u32).range(1..=i64::from(MAX_ROUNDS) + 1), help_heading = "Farm")]
+    pub round: Option<u32>,
+    /// Trace part K of N of the rows of that round.
+    #[arg(long, value_name = "K/N", requires = "round", value_parser = parse_part, help_heading = "Farm")]
+    pub part: Option<Part>,
 }
 
 #[derive(Serialize)]
@@ -101,8 +115,15 @@ pub fn run(common: &Common, args: &Bake) -> Result<(), Error> {
     let loaded = output::import_within(&args.scene, memory_limit, &progress)?;
     let path = common.out.clone().unwrap_or_else(|| PathBuf::from(format!("{}.bake", loaded.name.replace(':', "-"))));
     check_file(&path)?;
+    let of_farm = args.plan.is_some() || args.round.is_some();
+    if of_farm {
+        common.native_only(if args.plan.is_some() { "bake --plan" } else { "bake --round" })?;
+    }
     // Before minutes of work.
-    let mut device = open_device(common, &progress)?;
+    let mut device = match of_farm {
+        true => open(&DeviceChoice::Cpu)?.0,
+        false => open_device(common, &progress)?,
+    };
     let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
     let settings = FileSettings {
         origin: Origin {
@@ -119,6 +140,13 @@ pub fn run(common: &Common, args: &Bake) -> Result<(), Error> {
         let FileSettings { bake, methods, build, .. } = &settings;
         let check = |method: &MethodSettings| method.check_memory(bake.patch_count, bake.bounces, build);
         methods.iter().try_for_each(check).map_err(of_scene)?;
+    }
+    if let (Some(parts), Some(format)) = (args.plan, args.format) {
+        return plan(common, args, &path, &settings.bake, (parts, format));
+    }
+    if let Some(round) = args.round {
+        let rounds = || go_on(common, (&path, &loaded.scene, &settings), (round, args.part), &progress);
+        return interruptible(rounds).map_err(of_scene);
     }
     continue_in(beginning_of(&path));
     let build = || patchlight::Bake::build_into(&path, &loaded.scene, &settings, device.as_mut(), &progress);
@@ -141,6 +169,105 @@ pub fn run(common: &Common, args: &Bake) -> Result<(), Error> {
         false => report.print(),
     }
     Ok(())
+}
+
+/// Summary of a step of a farm.
+#[derive(Serialize)]
+struct StepReport {
+    file: PathBuf,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    round: Option<u32>,
+    rows: usize,
+    is_done: bool,
+}
+
+/// Goes on to a round, or traces a part of it.
+fn go_on(
+    common: &Common,
+    (path, scene, settings): (&Path, &Scene, &FileSettings),
+    (round, part): (u32, Option<Part>),
+    progress: &Progress,
+) -> Result<(), patchlight::Error> {
+    let file = path.to_path_buf();
+    let report = match part {
+        Some(part) => {
+            let rows = patchlight::Bake::trace_round(path, scene, settings, (round, part), progress)?;
+            StepReport { file, round: Some(round), rows, is_done: false }
+        }
+        None => match patchlight::Bake::go_on_to(path, scene, settings, round, progress)? {
+            Some(waits) => StepReport { file, round: Some(waits.number), rows: waits.rows, is_done: false },
+            None => StepReport { file, round: None, rows: 0, is_done: true },
+        },
+    };
+    if common.json {
+        say!("{}", output::json(&report));
+        return Ok(());
+    }
+    match (report.round, part) {
+        (None, _) => say!("{:14} {}, done", "file", report.file.display()),
+        (Some(round), None) => say!("{:14} {round}: {} rows are to be traced", "round", report.rows),
+        (Some(round), Some(part)) => {
+            say!("{:14} {round}: {} rows, part {} of {}", "round", report.rows, part.number, part.of);
+        }
+    }
+    Ok(())
+}
+
+/// Summary of a plan.
+#[derive(Serialize)]
+struct PlanReport {
+    file: PathBuf,
+    parts: u32,
+    memory_bytes: u64,
+    part_memory_bytes: u64,
+}
+
+/// Writes the jobs of a farm.
+fn plan(
+    common: &Common,
+    args: &Bake,
+    path: &Path,
+    settings: &BakeSettings,
+    (parts, format): (u32, Format),
+) -> Result<(), Error> {
+    // This process has loaded the scene, as each job will.
+    let loaded = peak_memory_bytes().unwrap_or(0);
+    let [rows, part] = settings.rows_bytes(parts);
+    let limit = args.operators.memory_limit.unwrap_or(u64::MAX);
+    let memory = [loaded + rows, loaded + part].map(|memory| memory.min(limit));
+    let bake = absolute(path)?;
+    let file = RoundPlan { parts, arguments: arguments(&args.scene, &bake)?, bake, memory }.write(format)?;
+    let [memory_bytes, part_memory_bytes] = memory;
+    let report = PlanReport { file, parts, memory_bytes, part_memory_bytes };
+    if common.json {
+        say!("{}", output::json(&report));
+        return Ok(());
+    }
+    say!("{:14} {}: {MAX_ROUNDS} rounds at most, {parts} parts each", "jobs", report.file.display());
+    let [memory, part] = memory.map(output::bytes);
+    say!("{:14} {memory} for what goes on, {part} for a part", "memory");
+    Ok(())
+}
+
+/// The arguments of this process for its jobs: those of the plan and of its report are left out, and paths are absolute.
+fn arguments(scene: &str, bake: &Path) -> Result<Vec<String>, Error> {
+    const WITH_VALUE: [&str; 5] = ["--plan", "--format", "--out", "-o", "--threads"];
+    let mut arguments = Vec::new();
+    let mut given = std::env::args().skip(1);
+    while let Some(word) = given.next() {
+        let is_short = word.starts_with("-o") && !word.starts_with("--");
+        match word.as_str() {
+            "--json" | "--quiet" => {}
+            _ if WITH_VALUE.contains(&word.as_str()) => drop(given.next()),
+            _ if is_short || WITH_VALUE.iter().any(|name| word.starts_with(&format!("{name}="))) => {}
+            _ if word == scene && Path::new(scene).exists() => {
+                arguments.push(absolute(Path::new(scene))?.to_string_lossy().into_owned());
+            }
+            _ => arguments.push(word),
+        }
+    }
+    arguments.extend(["--quiet".to_owned(), "-o".to_owned(), bake.to_string_lossy().into_owned()]);
+    Ok(arguments)
 }
 
 impl Report {
@@ -283,7 +410,7 @@ struct Info {
     /// The bake's estimate of its own errors.
     #[serde(skip_serializing_if = "Option::is_none")]
     energy: Option<EnergyCheck>,
-    sections: Vec<Part>,
+    sections: Vec<SectionPlace>,
     operators: Vec<Operator>,
     /// Methods that need no operator.
     #[serde(skip)]
@@ -292,7 +419,7 @@ struct Info {
 
 /// A section.
 #[derive(Serialize)]
-struct Part {
+struct SectionPlace {
     name: &'static str,
     offset: u64,
     bytes: u64,
@@ -302,7 +429,8 @@ struct Part {
 pub fn info(common: &Common, path: &Path) -> Result<(), Error> {
     common.native_only("info")?;
     let Opened { bake, origin, sections, has_changed, .. } = Opened::new(path, &Progress::new(common.quiet))?;
-    let part = |section: &Section| Part { name: section.kind.name(), offset: section.offset, bytes: section.length };
+    let part =
+        |section: &Section| SectionPlace { name: section.kind.name(), offset: section.offset, bytes: section.length };
     let info = Info {
         file: path.to_path_buf(),
         bytes: file_bytes(path)?,
@@ -343,7 +471,7 @@ impl Info {
         if let Some(energy) = &self.energy {
             say!("{:14} {}", "errors", energy.summary());
         }
-        for Part { name, offset, bytes } in &self.sections {
+        for SectionPlace { name, offset, bytes } in &self.sections {
             say!("{:14} {name}: {} from byte {offset}", "section", output::bytes(*bytes));
         }
         say!("{:14} {}", "methods", self.methods);

@@ -1,9 +1,11 @@
-//! `patchlight world --plan`: the jobs of a farm that bakes a world in parts and joins them.
+//! `patchlight world --plan` and `patchlight bake --plan`: the jobs of a farm that bakes a world in parts and joins them,
+//! or traces the rounds of a scene's bake in parts.
 
 use std::fmt::Write as _;
 use std::path::PathBuf;
 
 use clap::ValueEnum;
+use patchlight::rounds::MAX_ROUNDS;
 use serde_json::{Value, json};
 use shell::Error;
 use shell::output;
@@ -144,6 +146,125 @@ fi
                     "script": script(self.merge()),
                 },
             ],
+        });
+        Ok(output::json(&template) + "\n")
+    }
+}
+
+/// Jobs that go on from round to round of a bake, and trace the rows of each in parts.
+pub struct RoundPlan {
+    /// Number of parts of each round.
+    pub parts: u32,
+    /// The bake, an absolute path.
+    pub bake: PathBuf,
+    /// Arguments of `patchlight` that all jobs share.
+    pub arguments: Vec<String>,
+    /// Memory of a job that goes on, and of one that traces, bytes.
+    pub memory: [u64; 2],
+}
+
+impl RoundPlan {
+    /// Writes the jobs beside the bake; where.
+    ///
+    /// # Errors
+    /// A file that cannot be written; paths that the format cannot express.
+    pub fn write(&self, format: Format) -> Result<PathBuf, Error> {
+        let (ending, text) = match format {
+            Format::Slurm => ("sbatch", self.slurm()),
+            Format::Openjd => ("openjd.json", self.openjd()?),
+        };
+        let path = self.bake.with_extension(ending);
+        output::write_text(&path, &text)?;
+        Ok(path)
+    }
+
+    fn name(&self) -> String {
+        self.bake.file_stem().map_or_else(|| String::from("scene"), |stem| stem.to_string_lossy().into_owned())
+    }
+
+    /// Arguments of a job that goes on to a round, or with a part traces it.
+    fn job(&self, round: &str, part: Option<&str>) -> Vec<String> {
+        let round = ["--round".to_owned(), round.to_owned()];
+        let part = part.map(|part| ["--part".to_owned(), format!("{part}/{}", self.parts)]);
+        self.arguments.iter().cloned().chain(round).chain(part.into_iter().flatten()).collect()
+    }
+
+    fn slurm(&self) -> String {
+        let name = self.name();
+        let job: String = name.chars().map(|c| if c.is_ascii_alphanumeric() { c } else { '-' }).collect();
+        let [memory, part_memory] = self.memory.map(|memory| memory.div_ceil(MEBIBYTE));
+        let words = self.arguments.iter().map(|word| quoted(word)).collect::<Vec<_>>().join(" ");
+        let parts = self.parts;
+        let rounds = MAX_ROUNDS;
+        let end = MAX_ROUNDS + 1;
+        format!(
+            r#"#!/bin/bash
+# Submits the jobs of a bake: for each round one that goes on to it, then {parts} that trace its rows. PATCHLIGHT names the
+# program. Jobs of a bake that needs fewer rounds end at once; what was killed goes on when this is submitted again.
+#SBATCH --job-name=patchlight-{job}
+#SBATCH --output=%x-%j.log
+set -euo pipefail
+bake=("${{PATCHLIGHT:-patchlight}}" {words})
+after=()
+for round in {{1..{end}}}; do
+    go_on=$(printf '%q ' "${{bake[@]}}" --round "$round")
+    id=$(sbatch --parsable --job-name=patchlight-{job}-$round --output=%x-%j.log --mem={memory}M "${{after[@]}}" --wrap="$go_on")
+    after=(--dependency="afterok:$id")
+    if [ "$round" -le {rounds} ]; then
+        trace="${{go_on}}--part "\$SLURM_ARRAY_TASK_ID"/{parts}"
+        id=$(sbatch --parsable --job-name=patchlight-{job}-$round-rows --array=1-{parts} --output=%x-%A-%a.log             --mem={part_memory}M "${{after[@]}}" --wrap="$trace")
+        after=(--dependency="afterok:$id")
+    fi
+done
+"#
+        )
+    }
+
+    fn openjd(&self) -> Result<String, Error> {
+        // An expression begins with two brackets, and there is no way to write them otherwise.
+        if let Some(word) = self.arguments.iter().find(|word| word.contains("{{")) {
+            return Err(Error::Unplannable { word: word.clone() });
+        }
+        let [memory, part_memory] = self
+            .memory
+            .map(|memory| json!({ "amounts": [{ "name": "amount.worker.memory", "min": memory.div_ceil(MEBIBYTE) }] }));
+        let script = |arguments: Vec<String>| -> Value {
+            json!({ "actions": { "onRun": { "command": "{{Param.Program}}", "args": arguments } } })
+        };
+        let mut steps = Vec::new();
+        for round in 1..=MAX_ROUNDS + 1 {
+            let number = round.to_string();
+            let go_on = if round > MAX_ROUNDS { "End".to_owned() } else { format!("GoOnTo{round}") };
+            let mut step = json!({
+                "name": go_on,
+                "hostRequirements": memory,
+                "script": script(self.job(&number, None)),
+            });
+            if round > 1 {
+                step["dependencies"] = json!([{ "dependsOn": format!("Trace{}", round - 1) }]);
+            }
+            steps.push(step);
+            if round <= MAX_ROUNDS {
+                let parts = [{ json!({ "name": "Part", "type": "INT", "range": format!("1-{}", self.parts) }) }];
+                steps.push(json!({
+                    "name": format!("Trace{round}"),
+                    "dependencies": [{ "dependsOn": go_on }],
+                    "parameterSpace": { "taskParameterDefinitions": parts },
+                    "hostRequirements": part_memory,
+                    "script": script(self.job(&number, Some("{{Task.Param.Part}}"))),
+                }));
+            }
+        }
+        let template = json!({
+            "specificationVersion": "jobtemplate-2023-09",
+            "name": format!("patchlight bake {}", self.name()),
+            "parameterDefinitions": [{
+                "name": "Program",
+                "type": "STRING",
+                "default": "patchlight",
+                "description": "The program on the workers.",
+            }],
+            "steps": steps,
         });
         Ok(output::json(&template) + "\n")
     }

@@ -86,7 +86,7 @@ fn parse_patches(text: &str) -> Result<usize, String> {
         .ok_or_else(|| format!("`{text}` is no number from {MIN_PATCHES} to {MAX_PATCHES}"))
 }
 
-fn parse_part(text: &str) -> Result<Part, String> {
+pub fn parse_part(text: &str) -> Result<Part, String> {
     let wrong = || format!("`{text}` is no part; write K/N, for example 3/8, with K from 1 to N");
     let (number, of) = text.split_once('/').ok_or_else(wrong)?;
     let part = Part { number: number.parse().map_err(|_| wrong())?, of: of.parse().map_err(|_| wrong())? };
@@ -192,7 +192,7 @@ fn plan(
     Ok(())
 }
 
-fn absolute(path: &Path) -> Result<PathBuf, Error> {
+pub fn absolute(path: &Path) -> Result<PathBuf, Error> {
     std::path::absolute(path).map_err(|source| Error::NoPath { path: path.to_path_buf(), source })
 }
 

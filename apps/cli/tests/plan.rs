@@ -1,4 +1,4 @@
-//! `patchlight world --plan`: the jobs of a farm come to the bytes of a bake made whole.
+//! `patchlight world --plan` and `patchlight bake --plan`: the jobs of a farm come to the bytes of a bake made whole.
 
 mod program;
 
@@ -103,6 +103,125 @@ fn a_job_template_bakes_parts_and_joins_them() {
     assert_whole(&inside);
 }
 
+/// Settings of a small bake whose receivers take several rounds.
+const SMALL: [&str; 10] =
+    ["bake", "cornell", "--patch-count", "300", "--receiver-rays", "64", "--rays", "256", "--seed", "3"];
+
+/// A plan of three parts a round, the same bake made whole, and the folder of both.
+fn round_plan(format: &str) -> (tempfile::TempDir, PathBuf, Value) {
+    let folder = tempfile::tempdir().unwrap();
+    let inside = folder.path().join("o'f $two @words");
+    fs::create_dir(&inside).unwrap();
+    let bake = inside.join("small.bake");
+    let planned = ["--plan", "3", "--format", format, "--json", "-o", bake.to_str().unwrap()];
+    let report: Value = serde_json::from_str(&succeeds(&[&SMALL[..], &planned].concat())).unwrap();
+    succeeds(&[&SMALL[..], &["--quiet", "-o", inside.join("whole").to_str().unwrap()]].concat());
+    assert!(!bake.exists(), "a plan bakes nothing");
+    (folder, inside, report)
+}
+
+fn assert_whole_bake(inside: &Path) {
+    assert!(fs::read(inside.join("small.bake")).unwrap() == fs::read(inside.join("whole")).unwrap());
+    let left = fs::read_dir(inside).unwrap().map(|entry| entry.unwrap().file_name().into_string().unwrap());
+    let left: Vec<String> = left.filter(|name| name.contains("rounds") || name.contains("beginning")).collect();
+    assert_eq!(left, Vec::<String>::new());
+}
+
+#[test]
+fn rounds_of_a_bake_come_to_its_bytes() {
+    let (_folder, inside, report) = round_plan("slurm");
+    let script = PathBuf::from(report["file"].as_str().unwrap());
+    assert_eq!(script, inside.join("small.sbatch"));
+    // Jobs run when they are submitted, one after the other; tasks of an array in another order.
+    let told = inside.join("told");
+    let sbatch = inside.join("sbatch");
+    let fake = r#"#!/bin/bash
+printf '%s\n' "$@" >> "$TOLD"
+tasks=(0)
+for word in "$@"; do
+    case "$word" in
+        --array=*) last=${word##*-}; tasks=(); for ((k = last; k >= 1; k--)); do tasks+=("$k"); done ;;
+        --wrap=*) wrap=${word#--wrap=} ;;
+    esac
+done
+for task in "${tasks[@]}"; do
+    SLURM_ARRAY_TASK_ID=$task sh -c "$wrap" >> "$TOLD.log" 2>&1 || exit 1
+done
+echo 77
+"#;
+    fs::write(&sbatch, fake).unwrap();
+    fs::set_permissions(&sbatch, fs::Permissions::from_mode(0o755)).unwrap();
+    let path = format!("{}:{}", inside.display(), std::env::var("PATH").unwrap());
+    let mut command = Command::new("bash");
+    command.arg(&script).env("PATH", &path).env("TOLD", &told).env("PATCHLIGHT", PROGRAM).current_dir("/");
+    let output = command.output().unwrap();
+    let log = fs::read_to_string(inside.join("told.log")).unwrap_or_default();
+    assert!(output.status.success(), "{}{log}", text(&output.stderr));
+    let told = fs::read_to_string(&told).unwrap();
+    // Seven jobs that go on and six arrays, each after the one before.
+    assert_eq!(told.matches("--wrap=").count(), 13, "{told}");
+    assert_eq!(told.matches("--dependency=afterok:77").count(), 12, "{told}");
+    assert_whole_bake(&inside);
+    // Once more: the bake is there.
+    assert_success(&command.output().unwrap());
+    assert_whole_bake(&inside);
+}
+
+#[test]
+fn a_job_template_traces_rounds() {
+    let (_folder, inside, report) = round_plan("openjd");
+    let file = report["file"].as_str().unwrap();
+    let template: Value = serde_json::from_str(&fs::read_to_string(file).unwrap()).unwrap();
+    let steps = template["steps"].as_array().unwrap();
+    assert_eq!(steps.len(), 13);
+    for pair in steps.windows(2) {
+        assert_eq!(pair[1]["dependencies"][0]["dependsOn"], pair[0]["name"]);
+    }
+    let openjd = std::env::var("OPENJD").unwrap_or_else(|_| String::from("openjd"));
+    if Command::new(&openjd).arg("--version").output().is_err() {
+        println!("skipped: openjd is not installed (pip install openjd-cli; OPENJD names the program)");
+        return;
+    }
+    assert_success(&Command::new(&openjd).args(["check", file]).output().unwrap());
+    let program = format!("Program={PROGRAM}");
+    let run = ["run", file, "--step", "End", "--run-dependencies", "--job-param", &program];
+    assert_success(&Command::new(&openjd).args(run).current_dir(&inside).output().unwrap());
+    assert_whole_bake(&inside);
+}
+
+#[test]
+fn what_rounds_lack_or_have_broken_is_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let bake = folder.path().join("a.bake");
+    let out = ["--quiet", "-o", bake.to_str().unwrap()];
+    let step = |more: &[&str]| succeeds(&[&SMALL[..], &out, more].concat());
+    let refused = |arguments: &[&str], part: &str| {
+        let message = fails(1, &[&SMALL[..], &out, arguments].concat());
+        assert!(message.contains(part), "{message}");
+    };
+    // Nothing was begun.
+    refused(&["--round", "1", "--part", "1/2"], "1.task");
+    let told = step(&["--round", "1"]);
+    assert!(told.contains("rows are to be traced"), "{told}");
+    step(&["--round", "1", "--part", "2/2"]);
+    refused(&["--round", "2"], "1-1-of-2.rows");
+    step(&["--round", "1", "--part", "1/2"]);
+    // Half of a file, another bake's, and none.
+    let part = folder.path().join("a.bake.rounds/1-1-of-2.rows");
+    let whole = fs::read(&part).unwrap();
+    fs::write(&part, &whole[..whole.len() / 2]).unwrap();
+    refused(&["--round", "2"], "checksum");
+    fs::write(&part, &whole[..20]).unwrap();
+    refused(&["--round", "2"], "cut off");
+    let mut other = whole.clone();
+    other[3] ^= 1;
+    fs::write(&part, other).unwrap();
+    refused(&["--round", "2"], "1-1-of-2.rows");
+    fs::write(&part, &whole).unwrap();
+    step(&["--round", "2"]);
+    assert!(folder.path().join("a.bake.rounds/2.task").exists() && !bake.exists());
+}
+
 #[test]
 fn jobs_get_memory_that_suffices_and_no_ten_times_that() {
     for (scene, patches, rays) in [("cornell", "1000", "128"), ("office", "20000", "512")] {
@@ -136,7 +255,10 @@ fn plans_that_make_no_sense_are_refused() {
     refused(2, &["world", "cornell", "--format", "openjd"], &["--plan"]);
     refused(2, &["world", "cornell", "--plan", "3", "--format", "pbs"], &["pbs", "slurm", "openjd"]);
     refused(2, &["world", "cornell", "--plan", "3", "--format", "slurm", "--part", "1/3"], &["--part", "--plan"]);
-    refused(2, &["bake", "cornell", "--plan", "3", "--format", "slurm"], &["--plan", "patchlight world"]);
+    refused(2, &["bake", "cornell", "--plan", "3"], &["--format"]);
+    refused(2, &["bake", "cornell", "--part", "1/3"], &["--round"]);
+    refused(2, &["bake", "cornell", "--round", "8"], &["1..=7"]);
+    refused(2, &["bake", "cornell", "--plan", "3", "--format", "slurm", "--round", "1"], &["--round", "--plan"]);
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a{{b}}.bake");
     let path = path.to_str().unwrap();

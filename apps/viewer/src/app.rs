@@ -26,12 +26,14 @@ use crate::methods::MethodDefaults;
 use crate::reference::{Comparer, Job, read};
 use crate::screen::{Gpu, Panels, Screen, Side, Source};
 use crate::script::{self, FRAME_SECONDS, Script};
-use crate::state::{Comparison, Picked, Request, Shown, State};
+use crate::state::{Comparison, DIVISORS, Picked, Request, Shown, State};
 use crate::times::{FrameTimes, Rate};
 use crate::{panels, pointer, screenshot};
 
 /// Interval at which a stop is looked for, when nothing happens.
 const LOOK: Duration = Duration::from_millis(100);
+/// Share of the time of a frame below which more pixels fit: twice as many along both edges, and some room.
+const MUCH_LESS: f32 = 0.2;
 /// Time for which the window keeps a size before pictures follow it.
 const RESIZED: Duration = Duration::from_millis(200);
 
@@ -67,6 +69,8 @@ pub struct Settings {
     pub methods: MethodDefaults,
     /// Sub-frames of a picture at first.
     pub sub_frames: u32,
+    /// Pictures a second that are kept, by fewer pixels, while something moves; none for all pixels.
+    pub fps: Option<f32>,
     /// A picture to compare with, in place of the path tracer's.
     pub reference: Option<PathBuf>,
     /// A script that drives the window.
@@ -168,6 +172,10 @@ struct App<'a> {
     last_frame: Instant,
     /// When the last picture was shown, if the last frame had one.
     last_shown: Option<Instant>,
+    /// Pixels of the window for one of the picture while something moves, along an edge, beside the state's own, and
+    /// that of the last picture.
+    moving_divisor: u32,
+    last_divisor: u32,
     /// The size that the window has taken, and since when.
     resized: Option<((u32, u32), Instant)>,
     next: Option<Instant>,
@@ -194,6 +202,8 @@ impl<'a> App<'a> {
         check(&bake)?;
         let mut state = State::new(loaded, &bake, &settings.methods);
         state.sub_frames = settings.sub_frames;
+        // A script says when.
+        state.is_smooth = settings.script.is_none();
         state.facts.bake = job.as_ref().map(BakeJob::progress);
         state.facts.quality = quality(&bake);
         if let Err(why) = state.methods.choose(&settings.method) {
@@ -234,6 +244,8 @@ impl<'a> App<'a> {
             window_size: settings.size,
             last_frame: Instant::now(),
             last_shown: None,
+            moving_divisor: 1,
+            last_divisor: 1,
             resized: None,
             next: None,
             outcome: Ok(()),
@@ -286,7 +298,7 @@ impl<'a> App<'a> {
             open.screen.resize();
         }
         let input = self.input(open, window_size)?;
-        let size = self.picture_size(open.live.size(), window_size);
+        let size = self.picture_size(&open.live, window_size);
         let scale = egui_winit::pixels_per_point(&self.panels, &open.window);
         let picture = shown_at(size, window_size, scale);
         let state = &mut self.state;
@@ -425,12 +437,18 @@ impl<'a> App<'a> {
     }
 
     /// The size that pictures are to have: that of the window, once it rests.
-    fn picture_size(&mut self, now: (u32, u32), window: (u32, u32)) -> (u32, u32) {
+    fn picture_size(&mut self, live: &Live, window: (u32, u32)) -> (u32, u32) {
+        let now = live.size();
         if let Some(file) = &self.file {
             return (file.width, file.height);
         }
-        let part = |edge: u32| (edge / self.state.divisor).max(1);
+        let divisor = self.state.divisor * if live.is_moving() { self.moving_divisor } else { 1 };
+        let part = |edge: u32| (edge / divisor).max(1);
         let wanted = (part(window.0), part(window.1));
+        if std::mem::replace(&mut self.last_divisor, divisor) != divisor && self.window_size == window {
+            self.resized = None;
+            return wanted;
+        }
         if window.0 == 0 || window.1 == 0 || wanted == now {
             self.resized = None;
             return now;
@@ -491,8 +509,22 @@ impl<'a> App<'a> {
         Ok(())
     }
 
+    /// Takes fewer pixels where frames of what moves take longer than they may, and more where they take much less.
+    fn keep_rate(&mut self, seconds: f32) {
+        let Some(fps) = self.settings.fps else { return };
+        let most = DIVISORS[DIVISORS.len() - 1];
+        if seconds * fps > 1.0 {
+            self.moving_divisor = (2 * self.moving_divisor).min(most);
+        } else if seconds * fps < MUCH_LESS {
+            self.moving_divisor = (self.moving_divisor / 2).max(1);
+        }
+    }
+
     /// Takes note of the times of a frame.
     fn count(&mut self, times: Option<Vec<PassTime>>, begun: Instant, open: &Open) {
+        if times.is_some() && open.live.is_moving() {
+            self.keep_rate(begun.elapsed().as_secs_f32());
+        }
         let Some(passes) = times else {
             self.last_shown = None;
             return;

@@ -63,6 +63,9 @@ pub struct View {
     /// Sub-frames a pixel at first: 1, 2, 4 or 16.
     #[arg(long, default_value_t = 1, value_parser = parse_sub_frames, help_heading = "Picture")]
     pub spp: u32,
+    /// Pictures a second to be kept while something moves, by fewer pixels, down to a sixteenth [default: all pixels].
+    #[arg(long, value_parser = parse_fps, help_heading = "Picture")]
+    pub fps: Option<f32>,
     /// A picture (EXR, HDR, PNG) to compare with, in place of path tracing: of the scene's camera and lights.
     #[arg(long, help_heading = "Picture")]
     pub reference: Option<PathBuf>,
@@ -89,6 +92,11 @@ pub struct View {
 fn parse_sub_frames(text: &str) -> Result<u32, String> {
     let known = crate::state::SUB_FRAMES;
     text.parse().ok().filter(|count| known.contains(count)).ok_or_else(|| format!("`{text}`: choose from {known:?}"))
+}
+
+fn parse_fps(text: &str) -> Result<f32, String> {
+    let rate = text.parse().ok().filter(|rate| (1.0..=1000.0).contains(rate));
+    rate.ok_or_else(|| format!("`{text}` is no number from 1 to 1000"))
 }
 
 /// Time between looks at a bake, and the steps of its bar.
@@ -133,6 +141,7 @@ pub fn run(common: &Common, args: &View, matches: &ArgMatches) -> Result<(), Err
         method: args.method.unwrap_or_else(|| best_method(&baking.bake)).name().to_owned(),
         methods: defaults(args, loaded.exposure_stops, common.seed),
         sub_frames: args.spp,
+        fps: args.fps,
         reference: args.reference.clone(),
         script: args.script.clone(),
         out: output::folder_or(&common.out, &format!("{}-view", loaded.name)),

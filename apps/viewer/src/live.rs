@@ -10,10 +10,14 @@ use patchlight::{
     Bake, BakeJob, LightSettings, MethodSettings, Observer, Picture, PictureRenderer, PictureSettings, PixelLight,
     ReceiverKind, ReceiverUpdate,
 };
+use rayon::prelude::*;
 use runtime::executor::{Executor, PassTime};
+use scene::kernel::shade::{decode_srgb, encode_srgb};
+use scene::sampling::hammersley;
 use scene::{Camera, Scene, stops_to_scale};
 
 use crate::error::Error;
+use crate::eye::Eye;
 use crate::lights::Edits;
 use crate::methods::goes_on;
 use crate::object::{self, Object};
@@ -22,6 +26,8 @@ use crate::state::{Shown, State};
 
 /// Frames under lights at rest in which a method that goes on is followed.
 pub const SETTLING: u32 = 32;
+/// Pictures that are averaged when nothing moves.
+pub const SMOOTHED: u32 = 16;
 
 /// All that a picture depends on.
 #[derive(Clone, Debug, PartialEq)]
@@ -29,11 +35,13 @@ struct Wanted {
     edits: Edits,
     albedo: Vec<Option<Vec3>>,
     object: Option<Object>,
-    camera: Camera,
+    eye: Eye,
+    size: (u32, u32),
     exposure_stops: f32,
     shown: Shown,
     method: MethodSettings,
     sub_frames: u32,
+    is_smooth: bool,
 }
 
 /// The light of a bake, and what was last shown of it.
@@ -46,6 +54,46 @@ pub struct Live {
     sub_frames: u32,
     last: Option<Wanted>,
     rest: u32,
+    /// True if the last frame differed from the one before in more than its size.
+    is_moving: bool,
+    smooth: Smooth,
+}
+
+/// Sums of pictures of what rests, each seen through other points of the pixels: edges become smooth.
+#[derive(Default)]
+struct Smooth {
+    /// Linear codes of red, green and blue.
+    sums: Vec<f32>,
+    count: u32,
+}
+
+impl Smooth {
+    /// Adds a displayed picture; returns their mean as one.
+    fn add(&mut self, bytes: &[u8]) -> Vec<u8> {
+        if self.count == 0 {
+            self.sums.clear();
+            self.sums.resize(bytes.len() / 4 * 3, 0.0);
+        }
+        self.count += 1;
+        let scale = 1.0 / self.count as f32;
+        let mut mean = bytes.to_vec();
+        let pixels = mean.par_chunks_exact_mut(4).zip(self.sums.par_chunks_exact_mut(3));
+        pixels.for_each(|(pixel, sums)| {
+            for (code, sum) in pixel.iter_mut().zip(sums) {
+                *sum += decode_srgb(f32::from(*code) / 255.0);
+                *code = (encode_srgb(*sum * scale) * 255.0 + 0.5) as u8;
+            }
+        });
+        mean
+    }
+}
+
+/// A camera that looks through other points of the pixels: point `k` of [`SMOOTHED`] in each; the first is the middle.
+fn shifted(camera: &Camera, k: u32) -> Camera {
+    let (x, y) = if k == 0 { (0.5, 0.5) } else { hammersley(k, SMOOTHED, (0, 0)) };
+    let across = camera.right * (2.0 * (x - 0.5) / camera.width as f32);
+    let up = camera.up * (2.0 * (y - 0.5) / camera.height as f32);
+    Camera { forward: camera.forward + across + up, ..*camera }
 }
 
 impl Live {
@@ -75,7 +123,17 @@ impl Live {
         let renderer = PictureRenderer::of_bake(bake, executor, &light, &pictures, observer)?;
         let method = (chosen.name.clone(), chosen.settings);
         let albedo = vec![None; state.albedo.len()];
-        Ok(Self { renderer, method, albedo, probes: None, sub_frames: state.sub_frames, last: None, rest: 0 })
+        Ok(Self {
+            renderer,
+            method,
+            albedo,
+            probes: None,
+            sub_frames: state.sub_frames,
+            last: None,
+            rest: 0,
+            is_moving: false,
+            smooth: Smooth::default(),
+        })
     }
 
     /// Size of pictures, pixels.
@@ -100,7 +158,22 @@ impl Live {
 
     /// Returns true if the light and its picture change no more by themselves.
     pub fn is_settled(&self) -> bool {
+        self.is_at_rest() && !self.is_moving && (!self.is_smoothed() || self.smooth.count >= SMOOTHED)
+    }
+
+    /// Returns true if something moved in the last frame.
+    pub fn is_moving(&self) -> bool {
+        self.is_moving
+    }
+
+    /// Returns true if the light changes no more by itself.
+    fn is_at_rest(&self) -> bool {
         self.last.is_some() && (!goes_on(&self.method.1) || self.rest >= SETTLING)
+    }
+
+    /// Returns true if what is shown becomes smoother at rest.
+    fn is_smoothed(&self) -> bool {
+        self.sub_frames == 1 && self.last.as_ref().is_some_and(|last| last.is_smooth && last.shown == Shown::Light)
     }
 
     /// Finds light and picture where they have changed, and gives them to the screen; times of the passes, none where
@@ -118,6 +191,7 @@ impl Live {
         self.set_method(state, observer)?;
         self.set_albedo(state)?;
         self.place_probes(state, observer)?;
+        let shown = self.last.clone();
         if size != self.size() || state.sub_frames != self.sub_frames {
             self.renderer.resize(size, state.sub_frames)?;
             self.sub_frames = state.sub_frames;
@@ -127,21 +201,35 @@ impl Live {
             edits: state.lighting.edits(),
             albedo: self.albedo.clone(),
             object: Some(state.object).filter(|object| object.is_on),
-            camera: state.eye.camera(size),
+            eye: state.eye,
+            size,
             exposure_stops: state.exposure_stops,
             shown: state.shown,
             method: self.method.1,
             sub_frames: self.sub_frames,
+            is_smooth: state.is_smooth,
         };
         let is_new = self.last.as_ref() != Some(&wanted);
+        let of_same_size = |last: Wanted| Wanted { size, ..last };
+        self.is_moving = is_new && shown.map(of_same_size).as_ref() != Some(&wanted);
         if !is_new && self.is_settled() {
             return Ok(None);
         }
-        self.rest = if is_new { 0 } else { self.rest + 1 };
+        if is_new {
+            self.rest = 0;
+            self.smooth.count = 0;
+        } else if self.is_at_rest() && self.is_smoothed() {
+            let camera = shifted(&wanted.eye.camera(size), self.smooth.count);
+            let times = self.show_light(state, &wanted, &camera, true, screen)?;
+            return Ok(Some(times));
+        } else {
+            self.rest += 1;
+        }
+        let camera = wanted.eye.camera(size);
         let times = match wanted.shown {
-            Shown::Debug(kind) => self.show_debug(kind, state, &wanted, screen)?,
+            Shown::Debug(kind) => self.show_debug(kind, state, (&wanted, &camera), screen)?,
             // Where the error is not known yet, light.
-            Shown::Light | Shown::Error => self.show_light(state, &wanted, screen)?,
+            Shown::Light | Shown::Error => self.show_light(state, &wanted, &camera, false, screen)?,
         };
         self.last = Some(wanted);
         Ok(Some(times))
@@ -223,20 +311,30 @@ impl Live {
         Ok(())
     }
 
-    fn show_light(&mut self, state: &State, wanted: &Wanted, screen: &mut Screen) -> Result<Vec<PassTime>, Error> {
+    fn show_light(
+        &mut self,
+        state: &State,
+        wanted: &Wanted,
+        camera: &Camera,
+        is_smoothed: bool,
+        screen: &mut Screen,
+    ) -> Result<Vec<PassTime>, Error> {
         let lighting = state.lighting.lighting();
-        let update = self.renderer.display(&lighting, &wanted.camera, 0, wanted.exposure_stops)?;
+        let update = self.renderer.display(&lighting, camera, 0, wanted.exposure_stops)?;
         let displayed = self.renderer.displayed();
         let handle = self.renderer.light_mut().vulkan_mut().and_then(|vulkan| vulkan.buffer(displayed));
         let size = self.size();
-        match handle.filter(|_| wanted.object.is_none()) {
+        match handle.filter(|_| wanted.object.is_none() && !is_smoothed) {
             Some(handle) => screen.set_picture(Side::Left, size, &Source::Device(handle))?,
             None => {
                 let mut bytes = self.renderer.light_mut().executor_mut().download(displayed)?;
                 if let Some((object, probes)) = wanted.object.zip(self.probes.as_mut()) {
                     probes.update(self.renderer.light_mut())?;
                     let scene = self.renderer.light().scene();
-                    object::draw(&mut bytes, &wanted.camera, wanted.exposure_stops, &object, probes, scene);
+                    object::draw(&mut bytes, camera, wanted.exposure_stops, &object, probes, scene);
+                }
+                if is_smoothed {
+                    bytes = self.smooth.add(&bytes);
                 }
                 screen.set_picture(Side::Left, size, &Source::Host(&bytes))?;
             }
@@ -248,11 +346,11 @@ impl Live {
         &mut self,
         kind: DebugKind,
         state: &State,
-        wanted: &Wanted,
+        (wanted, camera): (&Wanted, &Camera),
         screen: &mut Screen,
     ) -> Result<Vec<PassTime>, Error> {
-        let update = self.renderer.update_light(&state.lighting.lighting(), &wanted.camera)?;
-        let shown = self.renderer.light_mut().debug_picture(kind, &wanted.camera, wanted.exposure_stops)?;
+        let update = self.renderer.update_light(&state.lighting.lighting(), camera)?;
+        let shown = self.renderer.light_mut().debug_picture(kind, camera, wanted.exposure_stops)?;
         let bytes = rgba(&shown.picture, shown.stops);
         screen.set_picture(Side::Left, self.size(), &Source::Host(&bytes))?;
         self.times(update.times)

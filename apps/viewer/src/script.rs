@@ -51,6 +51,7 @@ eye X Y Z TX TY TZ           a place and what it looks at, m
 split off|SHARE              compare at the right of SHARE of the width
 panels on|off
 sub-frames N | size WxH
+smooth on|off                edges become smooth while nothing moves; off at first
 screenshot NAME.png          the window as it is shown
 quit";
 
@@ -121,6 +122,7 @@ enum Command {
     Split(Option<f32>),
     Panels(bool),
     SubFrames(u32),
+    Smooth(bool),
     Size(u32, u32),
     Screenshot(PathBuf),
     Quit,
@@ -359,6 +361,7 @@ fn apply(command: &Command, state: &mut State) -> Result<(), String> {
         }
         Command::Panels(is_on) => state.has_panels = *is_on,
         Command::SubFrames(count) => state.sub_frames = *count,
+        Command::Smooth(is_on) => state.is_smooth = *is_on,
         Command::Screenshot(name) => state.requests.push(Request::Screenshot(Some(name.clone()))),
         Command::Quit => state.requests.push(Request::Quit),
         // What takes frames is in `Script::run`.
@@ -435,7 +438,7 @@ impl Words<'_> {
             "object" => self.object(),
             "move" => self.movement(),
             "camera" | "eye" | "method" | "view" => self.look(),
-            "exposure" | "split" | "panels" | "sub-frames" => self.setting(),
+            "exposure" | "split" | "panels" | "smooth" | "sub-frames" => self.setting(),
             "screenshot" => self.screenshot(),
             "quit" => Ok(Command::Quit),
             other => {
@@ -522,6 +525,7 @@ impl Words<'_> {
         Ok(match words[0] {
             "exposure" => Command::Exposure(self.only("STOPS")?),
             "panels" => Command::Panels(self.switch(1)?),
+            "smooth" => Command::Smooth(self.switch(1)?),
             "split" => {
                 self.count(2..=2, "off|SHARE")?;
                 let share = if words[1] == "off" { None } else { Some(self.number::<f32>(1)?.clamp(0.0, 1.0)) };
@@ -741,11 +745,12 @@ mod tests {
             split off
             panels off
             sub-frames 4
+            smooth on
             size 320x200
             screenshot a.png
             quit";
         let script = parse(text).unwrap();
-        assert_eq!(script.commands.len(), 38);
+        assert_eq!(script.commands.len(), 39);
         let radiance = Vec3::new(1.0, 2.0, 3.0);
         let emission = Command::Emission { material: "big lamp".into(), radiance };
         assert!(script.commands.contains(&(22, emission)), "{:?}", script.commands);

@@ -162,6 +162,8 @@ pub struct State {
     pub sub_frames: u32,
     /// Pixels of the window for one of the picture, along an edge.
     pub divisor: u32,
+    /// True if edges become smooth while nothing moves.
+    pub is_smooth: bool,
     /// Names of the materials.
     pub materials: Vec<String>,
     /// Names of the objects of the scene.
@@ -211,6 +213,7 @@ impl State {
             has_help: false,
             sub_frames: 1,
             divisor: 1,
+            is_smooth: true,
             materials: material_names(loaded, bake),
             objects: loaded.objects.clone(),
             picked: None,

@@ -246,6 +246,37 @@ fn a_scene_is_shown_before_its_bake_is_done_and_ends_as_that() {
 }
 
 #[test]
+fn edges_become_smooth_while_nothing_moves() {
+    let Some(display) = Xvfb::start() else { return };
+    let (folder, path) = baked();
+    let script = "panels off
+         wait 1
+         screenshot sharp.png
+         smooth on
+         wait 40
+         screenshot smooth.png
+         quit";
+    // A budget that no frame keeps: what rests has all pixels nevertheless.
+    show(&display, folder.path(), &path, script, &["--method", "classic", "--fps", "1000"]);
+    let opened = Bake::open(path.as_ref()).unwrap();
+    let loaded = assets::load_or_build("cornell").unwrap();
+    let pictures = PictureSettings::default().with_size(SIZE).with_sub_frames(16);
+    let light = LightSettings::default();
+    let lighting = opened.bake.scene().lighting.clone();
+    let bake = Arc::new(opened.bake);
+    let mut renderer = PictureRenderer::of_bake(bake, Box::new(Cpu::new()), &light, &pictures, &Silent).unwrap();
+    let expected = renderer.picture(&lighting, &loaded.view.camera(SIZE.0, SIZE.1), 0).unwrap().pictures.full;
+    let expected = expected.displayed_bytes(stops_to_scale(loaded.exposure_stops));
+    let error = |name: &str| {
+        let (size, shown) = screenshot(&folder.path().join(name));
+        assert_eq!(size, SIZE, "{name}");
+        shown.iter().zip(&expected).map(|(a, b)| u64::from(a.abs_diff(*b)).pow(2)).sum::<u64>()
+    };
+    let [sharp, smooth] = [error("sharp.png"), error("smooth.png")];
+    assert!(smooth * 4 < sharp && smooth > 0, "{smooth} beside {sharp}");
+}
+
+#[test]
 fn light_follows_an_object_that_is_moved() {
     let Some(display) = Xvfb::start() else { return };
     let (folder, path) = baked();

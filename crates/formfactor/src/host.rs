@@ -24,6 +24,7 @@ pub use file::{RowFile, RowFileWriter};
 pub use reciprocal::{Reciprocal, reciprocal};
 pub use solve::{Solution, Stop, check_inputs, gauss_seidel, jacobi, lu, shoot};
 pub use sparse::{
-    SparseRows, add_hit_rows, add_quadrant_rows, add_traced_rows, gather_by_rays, sparse_rows, sparse_traced_rows,
+    SparseRows, add_hit_rows, add_quadrant_rows, add_rows_of, add_traced_rows, gather_by_rays, sparse_rows,
+    sparse_traced_rows,
 };
 pub use transport::{Csr, Dense, Half, Owner, Polygon, Proceed, Surfaces, widen_half};

@@ -31,6 +31,8 @@ const MAX_RECEIVERS: f32 = 10.0 / 3.0;
 /// which about half are hit, while they are placed.
 const RECEIVER_BYTES: f64 = 1500.0;
 const HIT_BYTES: f64 = 1.2;
+/// Bytes beside them: samples, patches, rows under way.
+const SAMPLER_BYTES: u64 = 256 << 20;
 /// Bounces when all are asked for end when no patch changes by more than this share of the brightest.
 const TOLERANCE: f32 = 1e-4;
 /// Bounces at most: an albedo of 0.95 in a closed room needs 180 for the tolerance.
@@ -90,6 +92,18 @@ pub struct BakeSettings {
     pub memory_limit: Option<u64>,
     /// Changes every random number.
     pub seed: u32,
+}
+
+impl BakeSettings {
+    /// Bytes that the rows of all elements and receivers and what is made of them take at most about while they are
+    /// placed, and those of a part of so many.
+    pub fn rows_bytes(&self, parts: u32) -> [u64; 2] {
+        let receivers = self.patch_count as f32 * RECEIVERS_AN_EDGE.powi(2) * self.receiver_density;
+        let receivers = self.most_receivers.map_or(f64::from(MAX_RECEIVERS * receivers), |most| most as f64);
+        let hits = f64::from(self.receiver_rays.min(MAX_PATCHES as u32));
+        let bytes = receivers * (RECEIVER_BYTES + HIT_BYTES * hits);
+        [bytes, bytes / f64::from(parts.max(1))].map(|bytes| bytes as u64 + SAMPLER_BYTES)
+    }
 }
 
 impl Default for BakeSettings {

@@ -269,6 +269,20 @@ pub(crate) enum Reason {
     /// A bake of a world.
     #[error(transparent)]
     Bake(localmatrix::BakeError),
+    /// The rows of a round are to be traced; never shown.
+    #[error("the rows of round {round} are to be traced")]
+    RoundWaits {
+        /// The round.
+        round: u32,
+    },
+    /// Rows of a round are not there.
+    #[error("{} is missing: round {round} of the bake needs the rows of all its parts; trace that part", path.display())]
+    MissingRows {
+        /// The round.
+        round: u32,
+        /// A file that is missing.
+        path: PathBuf,
+    },
     /// A bake of another scene than the one it names now.
     #[error(
         "{} is a bake of {scene} as it was then, and {scene} has changed; bake it again", path.display()
@@ -465,7 +479,8 @@ impl Error {
             | Reason::Json(_)
             | Reason::Probes { .. }
             | Reason::Bake(_)
-            | Reason::OtherScene { .. } => ErrorKind::File,
+            | Reason::OtherScene { .. }
+            | Reason::MissingRows { .. } => ErrorKind::File,
             Reason::Medium { .. }
             | Reason::MediumReceivers
             | Reason::FirstShotReceivers

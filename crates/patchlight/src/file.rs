@@ -31,6 +31,7 @@ use std::sync::Arc;
 use formfactor::RowKey;
 use localmatrix::BakeError;
 use patches::{Density, MeshReceivers, PatchMesh};
+use runtime::cpu::Cpu;
 use runtime::executor::Executor;
 use scene::gpu::DirectParams;
 use scene::{Geometry, Lighting, Material, Scene};
@@ -44,10 +45,12 @@ use crate::error::{Error, Reason};
 use crate::form_factors::{FormFactors, RowRays};
 use crate::low_level::operator::{BakedOperator, Build, Decode, OperatorKey};
 use crate::method::{MethodSettings, Preparation};
+use crate::rounds::Rounds;
 
 pub use localmatrix::beginning_of;
 pub use sections::{HEAD_BYTES, Kind, Section};
 
+pub(crate) use sections::file_error;
 use sections::{SectionWriter, Sections, VERSION, version};
 
 /// Source of a bake.
@@ -82,7 +85,7 @@ impl FileSettings {
     }
 
     /// Hash of all that decides the bytes, except the user's words.
-    fn key(&self, operators: &[OperatorKey]) -> [u8; 32] {
+    pub(crate) fn key(&self, operators: &[OperatorKey]) -> [u8; 32] {
         let text = serde_json::to_string(&(self.kept(), operators)).unwrap_or_default();
         let mut sum = Sha256::new();
         sum.update(VERSION.to_le_bytes());
@@ -194,6 +197,33 @@ impl Bake {
         device: &mut (dyn Executor + 'static),
         observer: &dyn Observer,
     ) -> Result<Self, Error> {
+        Self::build_into_by(path, scene, settings, (device, None), observer)
+    }
+
+    /// [`Bake::build_into`] with rows that others trace, on the host otherwise.
+    pub(crate) fn build_by_rounds(
+        path: &Path,
+        scene: &Scene,
+        settings: &FileSettings,
+        rounds: &Rounds,
+        observer: &dyn Observer,
+    ) -> Result<Self, Error> {
+        Self::build_into_by(path, scene, settings, (&mut Cpu::new(), Some(rounds)), observer)
+    }
+
+    /// Returns true if a file is a whole bake with these settings.
+    pub(crate) fn is_of(path: &Path, settings: &FileSettings) -> bool {
+        let operators = OperatorKey::of_all(&settings.methods, &settings.bake);
+        Sections::open(path).is_ok_and(|sections| sections.key == settings.key(&operators))
+    }
+
+    fn build_into_by(
+        path: &Path,
+        scene: &Scene,
+        settings: &FileSettings,
+        (device, rounds): (&mut (dyn Executor + 'static), Option<&Rounds>),
+        observer: &dyn Observer,
+    ) -> Result<Self, Error> {
         let operators = OperatorKey::of_all(&settings.methods, &settings.bake);
         if !operators.is_empty() && scene.has_medium() {
             return Err(Reason::Medium { what: "an operator of a method" }.into());
@@ -207,7 +237,10 @@ impl Bake {
         if writer.take::<StoredScene>(Kind::Scene)?.is_none() {
             writer.put(Kind::Scene, &StoredScene::from(scene))?;
         }
-        let rays = &RowRays::on(device);
+        let rays = &match rounds {
+            Some(rounds) => RowRays::in_rounds(rounds),
+            None => RowRays::on(device),
+        };
         let patches = write_patches(&mut writer, scene, density, &settings.bake, rays, observer)?;
         let mut bake = match writer.take(Kind::Receivers)? {
             Some(StoredReceivers { receivers, energy, keys }) => {

@@ -19,6 +19,7 @@ use transport::{Csr, HitCounts, LinearOperator, Observer, Phase};
 
 use crate::error::Error;
 use crate::observe::Report;
+use crate::rounds::Rounds;
 
 /// Most lights to which each surface of a walk looks on lavapipe, which ends all loops of an invocation after 65,535
 /// rounds.
@@ -46,10 +47,12 @@ pub enum Estimator {
 /// device.
 pub(crate) struct RowRays<'d> {
     device: Option<Mutex<Device<'d>>>,
+    /// Files of rows that others trace.
+    rounds: Option<&'d Rounds>,
 }
 
 /// All cores of the host.
-pub(crate) static HOST: RowRays<'static> = RowRays { device: None };
+pub(crate) static HOST: RowRays<'static> = RowRays { device: None, rounds: None };
 
 /// A device, and what it did since it was last told.
 struct Device<'d> {
@@ -129,7 +132,13 @@ impl<'d> RowRays<'d> {
         let is_host = executor.device().kind == DeviceKind::Native;
         Self {
             device: (!is_host).then(|| Mutex::new(Device { executor, rays: 0, places: 0, sights: 0, loaded: None })),
+            rounds: None,
         }
+    }
+
+    /// Others, who trace the rows of each round; the host does the rest.
+    pub(crate) fn in_rounds(rounds: &'d Rounds) -> Self {
+        Self { device: None, rounds: Some(rounds) }
     }
 
     /// Who walks to light in the host's stead.
@@ -167,9 +176,13 @@ impl<'d> RowRays<'d> {
         &self,
         counts: &mut HitCounts,
         sky: Option<(&mut HitCounts, &SkyBin)>,
-        &ElementRows { scene, mesh, points, offsets, rays, seed }: &ElementRows,
+        own: &ElementRows,
         report: &Report,
     ) -> Result<Vec<f32>, Error> {
+        if let Some(rounds) = self.rounds {
+            return rounds.add(counts, sky.map(|sky| sky.0), own);
+        }
+        let &ElementRows { scene, mesh, points, offsets, rays, seed } = own;
         let surfaces = mesh.lighting(scene, Columns::Elements, points, offsets, seed);
         let Some(mut device) = self.lock() else {
             return Ok(match sky {

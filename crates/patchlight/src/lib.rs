@@ -72,6 +72,7 @@ pub mod pictures;
 mod pixels;
 pub mod points;
 pub mod refine;
+pub mod rounds;
 mod settings;
 pub mod world;
 
@@ -113,6 +114,8 @@ pub use pixels::PixelGather;
 pub use points::{Point, PointKind, PointLight, PointSet};
 #[doc(inline)]
 pub use refine::Refinement;
+#[doc(inline)]
+pub use rounds::Round;
 pub use transport::{Observer, Phase, Silent};
 
 pub use runtime::cpu::Cpu;

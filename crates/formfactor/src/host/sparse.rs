@@ -116,9 +116,33 @@ pub fn add_hit_rows(
     rays: u32,
     progress: &(dyn Fn(usize, usize) -> Proceed + Sync),
 ) -> Result<Vec<f32>, Error> {
-    let watch = Watch::new(surfaces.rows(), progress);
-    add_rows(rows, None, surfaces, (rays, 1), &mut |own| {
-        Ok(watch.tasks(own, |own| in_groups(own, rays, &|own| rows_hits(surfaces, own, rays)))?.concat())
+    add_rows_of(rows, None, surfaces, 0..surfaces.rows(), rays, progress)
+}
+
+/// [`add_hit_rows`], or with sky rows [`add_quadrant_rows`], of some of the rows of surfaces: the same rows as if all
+/// were made.
+///
+/// # Errors
+/// As [`add_hit_rows`]; [`transport::Error::Length`] of rows that are not there.
+pub fn add_rows_of(
+    rows: &mut HitCounts,
+    sky: Option<(&mut HitCounts, &SkyBin)>,
+    surfaces: &Surfaces,
+    own: Range<usize>,
+    rays: u32,
+    progress: &(dyn Fn(usize, usize) -> Proceed + Sync),
+) -> Result<Vec<f32>, Error> {
+    if own.end > surfaces.rows() {
+        check_length("rows", surfaces.rows(), own.end)?;
+    }
+    let watch = Watch::new(own.len(), progress);
+    let Some((sky_rows, sky_bin)) = sky else {
+        return add_rows(rows, None, surfaces, own, (rays, 1), &mut |own| {
+            Ok(watch.tasks(own, |own| in_groups(own, rays, &|own| rows_hits(surfaces, own, rays)))?.concat())
+        });
+    };
+    add_rows(rows, Some(sky_rows), surfaces, own, (rays, QUADRANTS), &mut |own| {
+        Ok(watch.tasks(own, |own| in_groups(own, rays, &|own| quadrant_hits(surfaces, own, rays, sky_bin)))?.concat())
     })
 }
 
@@ -131,15 +155,12 @@ pub fn add_hit_rows(
 /// As [`add_hit_rows`].
 pub fn add_quadrant_rows(
     rows: &mut HitCounts,
-    (sky_rows, sky_bin): (&mut HitCounts, &SkyBin),
+    sky: (&mut HitCounts, &SkyBin),
     surfaces: &Surfaces,
     rays: u32,
     progress: &(dyn Fn(usize, usize) -> Proceed + Sync),
 ) -> Result<Vec<f32>, Error> {
-    let watch = Watch::new(surfaces.rows(), progress);
-    add_rows(rows, Some(sky_rows), surfaces, (rays, QUADRANTS), &mut |own| {
-        Ok(watch.tasks(own, |own| in_groups(own, rays, &|own| quadrant_hits(surfaces, own, rays, sky_bin)))?.concat())
-    })
+    add_rows_of(rows, Some(sky), surfaces, 0..surfaces.rows(), rays, progress)
 }
 
 /// [`add_hit_rows`], or with sky rows [`add_quadrant_rows`], of rays that are traced by somebody else, on a GPU
@@ -158,13 +179,13 @@ pub fn add_traced_rows<E: From<Error>>(
 ) -> Result<Vec<f32>, E> {
     let watch = Watch::new(surfaces.rows(), progress);
     let Some((sky_rows, sky_bin)) = sky else {
-        return add_rows(rows, None, surfaces, (rays, 1), &mut |own| {
+        return add_rows(rows, None, surfaces, 0..surfaces.rows(), (rays, 1), &mut |own| {
             let columns = trace(own.clone())?;
             watch.tasks(own, |_| ()).map_err(E::from)?;
             Ok(columns)
         });
     };
-    add_rows(rows, Some(sky_rows), surfaces, (rays, QUADRANTS), &mut |own| {
+    add_rows(rows, Some(sky_rows), surfaces, 0..surfaces.rows(), (rays, QUADRANTS), &mut |own| {
         let columns = trace(own.clone())?;
         let of_rows = |rows: Range<usize>| {
             let place = |row: usize| (row - own.start) * rays as usize;
@@ -185,20 +206,20 @@ fn add_rows<E: From<Error>>(
     rows: &mut HitCounts,
     mut sky_rows: Option<&mut HitCounts>,
     surfaces: &Surfaces,
+    all: Range<usize>,
     (rays, parts): (u32, usize),
     hits: &mut dyn FnMut(Range<usize>) -> Result<Vec<u32>, E>,
 ) -> Result<Vec<f32>, E> {
     check_surfaces(surfaces)?;
     Hemisphere { rays }.check(surfaces)?;
     check_length("columns", rows.columns(), surfaces.patches.len()).map_err(Error::from)?;
-    let total = surfaces.rows();
     let sky = surfaces.patches.len() as u32;
     let first_bin = first_sky_column(surfaces);
     let is_sky = |column: u32| column == sky || column >= first_bin && column != NONE;
-    let mut sky_factor = Vec::with_capacity(parts * total);
+    let mut sky_factor = Vec::with_capacity(parts * all.len());
     let block = (BLOCK_HITS / (parts * rays as usize)).max(1).next_multiple_of(TASK_ROWS);
-    for first in (0..total).step_by(block) {
-        let own = first..(first + block).min(total);
+    for first in all.clone().step_by(block) {
+        let own = first..(first + block).min(all.end);
         let mut hits = hits(own.clone())?;
         let scales = alloc::vec![1.0 / rays as f32; parts * own.len()];
         rows.push(&hits, &scales).map_err(Error::from)?;

@@ -69,7 +69,7 @@ pub struct Section {
     sum: u32,
 }
 
-fn file_error(path: &Path, error: &io::Error) -> BakeError {
+pub(crate) fn file_error(path: &Path, error: &io::Error) -> BakeError {
     BakeError::File { path: path.display().to_string(), reason: error.to_string() }
 }
 
@@ -164,6 +164,8 @@ fn section_at(source: &dyn Source, at: u64) -> io::Result<Option<Section>> {
 #[derive(Debug)]
 pub struct Sections {
     path: PathBuf,
+    /// Hash of all that decides the bytes.
+    pub key: [u8; 32],
     /// Its sections, without the end.
     pub all: Vec<Section>,
 }
@@ -179,8 +181,7 @@ impl Sections {
         let size = source.len().map_err(io)?;
         let mut key = Err(BakeError::NotABake { path: path.display().to_string(), reason: "it is empty".to_owned() });
         source.with(0, size.min(HEADER as u64) as usize, &mut |bytes| key = decode_header(path, bytes)).map_err(io)?;
-        key?;
-        let mut sections = Self { path: path.to_path_buf(), all: Vec::new() };
+        let mut sections = Self { path: path.to_path_buf(), key: key?, all: Vec::new() };
         let mut at = HEADER as u64;
         loop {
             let Some(section) = section_at(&source, at).map_err(io)? else {

@@ -65,7 +65,25 @@ impl HitCounts {
             return Err(Error::Value { name: "scales", index, value: f64::from(scales[index]), rule: "finite" });
         }
         let row = |k: usize| Row::new(&hits[k * rays..(k + 1) * rays], self.columns);
-        self.append((0..rows).into_par_iter().map(row).collect(), scales)
+        self.add((0..rows).into_par_iter().map(row).collect(), scales)
+    }
+
+    /// Adds all rows of another operator over the same columns.
+    ///
+    /// # Errors
+    /// [`Error::Length`] of other columns; [`Error::TooMany`] beyond 2³² − 1 quads.
+    pub fn append(&mut self, other: Self) -> Result<(), Error> {
+        check_length("columns", self.columns, other.columns)?;
+        let first = self.quads.len();
+        let found = (first + other.quads.len()) as u64;
+        if found > u64::from(u32::MAX) {
+            return Err(Error::TooMany { name: "quads", found, limit: u64::from(u32::MAX) });
+        }
+        self.row_start.extend(other.row_start.iter().skip(1).map(|&end| first as u32 + end));
+        self.quads.extend(other.quads);
+        self.counts.extend(other.counts);
+        self.scales.extend(other.scales);
+        Ok(())
     }
 
     /// Adds rows that follow from those of another operator, coded on all cores. Column c of that is `columns[c]` here.
@@ -92,7 +110,7 @@ impl HitCounts {
                 Ok(Row::of_counts(&known))
             }
         };
-        self.append(rows.par_iter().map(row).collect::<Result<_, _>>()?, scales)
+        self.add(rows.par_iter().map(row).collect::<Result<_, _>>()?, scales)
     }
 
     /// A row with other columns.
@@ -113,8 +131,8 @@ impl HitCounts {
         Ok(mapped)
     }
 
-    /// Appends rows that are coded.
-    fn append(&mut self, coded: Vec<Row>, scales: &[f32]) -> Result<(), Error> {
+    /// Adds rows that are coded.
+    fn add(&mut self, coded: Vec<Row>, scales: &[f32]) -> Result<(), Error> {
         let found = (self.quads.len() + coded.iter().map(|row| row.quads.len()).sum::<usize>()) as u64;
         if found > u64::from(u32::MAX) {
             return Err(Error::TooMany { name: "quads", found, limit: u64::from(u32::MAX) });
