@@ -98,11 +98,27 @@ impl BakeSettings {
     /// Bytes that the rows of all elements and receivers and what is made of them take at most about while they are
     /// placed, and those of a part of so many.
     pub fn rows_bytes(&self, parts: u32) -> [u64; 2] {
-        let receivers = self.patch_count as f32 * RECEIVERS_AN_EDGE.powi(2) * self.receiver_density;
-        let receivers = self.most_receivers.map_or(f64::from(MAX_RECEIVERS * receivers), |most| most as f64);
+        let receivers = self.expected_receivers();
         let hits = f64::from(self.receiver_rays.min(MAX_PATCHES as u32));
         let bytes = receivers * (RECEIVER_BYTES + HIT_BYTES * hits);
         [bytes, bytes / f64::from(parts.max(1))].map(|bytes| bytes as u64 + SAMPLER_BYTES)
+    }
+}
+
+impl BakeSettings {
+    /// Most receivers there will be about, as far as the settings alone say it.
+    fn expected_receivers(&self) -> f64 {
+        let even = self.patch_count as f32 * RECEIVERS_AN_EDGE.powi(2) * self.receiver_density;
+        self.most_receivers.map_or(f64::from(MAX_RECEIVERS * even), |most| most as f64)
+    }
+
+    /// Refuses what will not fit into memory before any work, as far as the settings alone say it.
+    fn check_memory(&self) -> Result<(), Error> {
+        let is_known = self.receiver_edge.is_none() && !self.patches.has_voxels();
+        if self.receivers != ReceiverKind::Mesh || !is_known && self.most_receivers.is_none() {
+            return Ok(());
+        }
+        check_rows(self, self.expected_receivers(), MAX_PATCHES.min(self.patch_count), "")
     }
 }
 
@@ -348,6 +364,7 @@ impl<'a> PatchBake<'a> {
         observer: &dyn Observer,
     ) -> Result<Self, Error> {
         check_receivers(settings)?;
+        settings.check_memory()?;
         let triangles = scene.geometry.triangles.len();
         if settings.patches == PatchKind::Polygon && triangles > MAX_PATCHES {
             return Err(too_many(triangles, triangles));
@@ -550,13 +567,7 @@ fn place(
     }
     let by_distance = f64::from(MAX_RECEIVERS) * f64::from(area) / f64::from(edge).powi(2);
     let most = settings.most_receivers.map_or(by_distance, |most| most as f64);
-    let hits = (settings.receiver_rays as usize).min(mesh.elements.len());
-    check_free(
-        format!("{most:.0} receivers, {edge} m from each other,"),
-        most * (RECEIVER_BYTES + HIT_BYTES * hits as f64),
-        settings.memory_limit,
-        "choose a larger distance between receivers, or fewer receivers",
-    )?;
+    check_rows(settings, most, mesh.elements.len(), &format!(", {edge} m from each other,"))?;
     let factors = &bake.form_factors;
     let lights = test_lights(scene, mesh, density, &*factors.factors, factors.element_operator(), &bake.direct)?;
     let placing = Placing {
@@ -599,6 +610,17 @@ pub(crate) fn receiver_rows<'a>(
 /// The keys of rows that were added.
 pub(crate) fn taken(keys: Mutex<Vec<RowKey>>) -> Vec<RowKey> {
     keys.into_inner().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// Refuses more receivers than fit into memory with their rows.
+fn check_rows(settings: &BakeSettings, receivers: f64, elements: usize, distance: &str) -> Result<(), Error> {
+    let hits = (settings.receiver_rays as usize).min(elements);
+    check_free(
+        format!("{receivers:.0} receivers{distance}"),
+        receivers * (RECEIVER_BYTES + HIT_BYTES * hits as f64),
+        settings.memory_limit,
+        "choose a larger distance between receivers, or fewer receivers",
+    )
 }
 
 /// Only voxels have a lookup between patches.

@@ -167,7 +167,8 @@ pub struct Bench {
     /// Errors over 1,000 to 20,000 patches, instead of one number (clean).
     #[arg(long)]
     pub curves: bool,
-    /// Another `patchlight` program whose whole bakes are measured by turns with this one's (bake).
+    /// Another `patchlight` program whose whole bakes, or light updates and nothing else, are measured by turns with this
+    /// one's (bake, frame).
     #[arg(long, value_name = "PROGRAM")]
     pub against: Option<PathBuf>,
     /// Continue an interrupted experiment in the same folder: what OUT/summary.json has is not measured again

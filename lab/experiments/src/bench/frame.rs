@@ -1,5 +1,6 @@
 //! `bench frame`: whole light updates, from "a light has moved" to irradiance at every visible point.
 
+mod beside;
 mod floors;
 
 use std::collections::BTreeMap;
@@ -11,6 +12,7 @@ use glam::Vec3;
 use scene::{Camera, Light};
 use serde::Serialize;
 
+use self::beside::Beside;
 use super::setup::{Machine, Setup, bake_settings, load};
 use crate::args::{Animate, Bench, CameraPath, Common};
 use crate::error::Error;
@@ -130,6 +132,9 @@ struct Results<'a> {
 
 pub fn run(common: &Common, args: &Bench) -> Result<(), Error> {
     let Setup { out, machine, scenes, counts } = Setup::new(common, args, "frame", &SCENES, &[COUNT])?;
+    if let Some(program) = &args.against {
+        return by_turns(common, args, program, (&scenes, &counts), &machine, &out);
+    }
     let mut rows: Vec<Row> = Vec::new();
     let mut points: Vec<PointCost> = Vec::new();
     let results = |rows: &[Row], points: &[PointCost]| {
@@ -167,6 +172,51 @@ pub fn run(common: &Common, args: &Bench) -> Result<(), Error> {
     } else {
         tables(&machine, operations_g, &rows, &points).iter().for_each(|table| say!("{}", table.markdown()));
         say!("{} shows the same", out.join("report.html").display());
+    }
+    Ok(())
+}
+
+/// Results by turns with another program.
+#[derive(Serialize)]
+struct Turns<'a> {
+    name: &'static str,
+    machine: &'a Machine,
+    program: String,
+    size: (u32, u32),
+    frames: u32,
+    rows: &'a [Beside],
+}
+
+/// Measures light updates of this build's `patchlight` and of another one, by turns, and nothing else.
+fn by_turns(
+    common: &Common,
+    args: &Bench,
+    program: &Path,
+    (scenes, counts): (&[&str], &[u32]),
+    machine: &Machine,
+    out: &Path,
+) -> Result<(), Error> {
+    let mut rows = Vec::new();
+    for scene in scenes {
+        for &count in counts {
+            rows.extend(beside::measure(common, args, program, (scene, count), out)?);
+        }
+    }
+    let section = beside::section(&rows, program);
+    let results = output::json(&Turns {
+        name: "frame",
+        machine,
+        program: program.display().to_string(),
+        size: args.size(),
+        frames: args.frames(),
+        rows: &rows,
+    });
+    output::write_text(&out.join("summary.json"), &results)?;
+    let introduction = [machine.sentence()];
+    output::write_text(&out.join("report.html"), &page("Patchlight: light updates", &introduction, [&section]))?;
+    match common.json {
+        true => say!("{results}"),
+        false => section.tables.iter().for_each(|table| say!("{}", table.markdown())),
     }
     Ok(())
 }
