@@ -255,7 +255,7 @@ fn picture(ui: &mut Ui, state: &mut State) {
         for count in SUB_FRAMES {
             ui.selectable_value(&mut state.sub_frames, count, count.to_string());
         }
-        ui.add_enabled(state.sub_frames == 1, egui::Checkbox::new(&mut state.is_smooth, "smooth at rest"));
+        ui.add_enabled(state.sub_frames == 1, egui::Checkbox::new(&mut state.is_smooth, "smooth"));
     });
     ui.horizontal(|ui| {
         ui.label("size");

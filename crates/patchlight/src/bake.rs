@@ -103,9 +103,7 @@ impl BakeSettings {
         let bytes = receivers * (RECEIVER_BYTES + HIT_BYTES * hits);
         [bytes, bytes / f64::from(parts.max(1))].map(|bytes| bytes as u64 + SAMPLER_BYTES)
     }
-}
 
-impl BakeSettings {
     /// Most receivers there will be about, as far as the settings alone say it.
     fn expected_receivers(&self) -> f64 {
         let even = self.patch_count as f32 * RECEIVERS_AN_EDGE.powi(2) * self.receiver_density;

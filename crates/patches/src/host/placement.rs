@@ -175,19 +175,18 @@ impl<'a> Placement<'a> {
     /// Everything that follows from receivers with rows, and some more of them.
     fn finish(&self, set: ReceiverSamples<'a>) -> Result<MeshReceivers, Error> {
         let Self { scene, sampler, placing, lights, .. } = *self;
-        let placement = self;
         let mut field = ReceiverField::new(set);
         let mut interpolation = field.interpolation_mesh(sampler, placing.seed)?;
         // An interpolation point that sees no receiver is inside of a solid or behind a wall.
         let seen = field.visible_weights(&interpolation.points, sampler.walker())?;
         let mut weights = served_weights(scene, &mut interpolation, seen)?;
-        field = placement.serve_orphans(field, &interpolation.points, &mut weights)?;
+        field = self.serve_orphans(field, &interpolation.points, &mut weights)?;
         let estimates = Estimates::new(&field.set.rows, &field.set.sky_rows, lights, placing.rays)?;
         let smoothing = field.smoothing(&estimates);
         let smooth: Vec<Lights> = smoothing.par_iter().map(|row| weighted_sum(row, &estimates.light)).collect();
         let points = interpolation.points.par_iter();
         points.zip(&mut weights).for_each(|(point, weights)| field.fit(point, weights, &smooth));
-        placement.serve_rest(&field, &interpolation.points, &mut weights)?;
+        self.serve_rest(&field, &interpolation.points, &mut weights)?;
         let mut weights = served_weights(scene, &mut interpolation, weights)?;
 
         interpolation.permute(&order_by_receivers(&mut weights, field.set.samples.len()))?;
