@@ -5,6 +5,8 @@ use alloc::vec::Vec;
 
 use glam::{IVec3, Vec3, Vec4};
 use hashbrown::HashSet;
+#[cfg(not(feature = "std"))]
+use num_traits::Float as _;
 use scene::gpu::Triangle;
 use scene::parallel::*;
 use scene::{NONE, Scene, Sides, SurfacePoint};
