@@ -2,7 +2,7 @@
 //! or traces the rounds of a scene's bake in parts.
 
 use std::fmt::Write as _;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::ValueEnum;
 use patchlight::rounds::MAX_ROUNDS;
@@ -40,22 +40,16 @@ impl Plan {
     /// # Errors
     /// A file that cannot be written; paths that the format cannot express.
     pub fn write(&self, format: Format) -> Result<PathBuf, Error> {
-        let (ending, text) = match format {
-            Format::Slurm => ("sbatch", self.slurm()),
-            Format::Openjd => ("openjd.json", self.openjd()?),
+        let text = match format {
+            Format::Slurm => self.slurm(),
+            Format::Openjd => self.openjd()?,
         };
-        let path = self.bake.with_extension(ending);
-        output::write_text(&path, &text)?;
-        Ok(path)
-    }
-
-    fn name(&self) -> String {
-        self.bake.file_stem().map_or_else(|| String::from("world"), |stem| stem.to_string_lossy().into_owned())
+        write_beside(&self.bake, format, &text)
     }
 
     /// The file of a part, whose number may be one that the farm fills in.
     fn part(&self, number: &str) -> String {
-        let file = format!("{}-{number}-of-{}.part.bake", self.name(), self.parts);
+        let file = format!("{}-{number}-of-{}.part.bake", name_of(&self.bake), self.parts);
         self.bake.with_file_name(file).to_string_lossy().into_owned()
     }
 
@@ -71,8 +65,8 @@ impl Plan {
     }
 
     fn slurm(&self) -> String {
-        let name = self.name();
-        let job: String = name.chars().map(|c| if c.is_ascii_alphanumeric() { c } else { '-' }).collect();
+        let name = name_of(&self.bake);
+        let job = job_name(&name);
         let parts = self.parts;
         let memory = self.megabytes();
         let words = |words: &[String]| words.iter().map(|word| quoted(word)).collect::<Vec<_>>().join(" ");
@@ -109,21 +103,15 @@ fi
 
     fn openjd(&self) -> Result<String, Error> {
         let words = self.arguments.iter().chain([self.part("")].iter()).cloned().collect::<Vec<_>>();
-        // An expression begins with two brackets, and there is no way to write them otherwise.
-        if let Some(word) = words.iter().find(|word| word.contains("{{")) {
-            return Err(Error::Unplannable { word: word.clone() });
-        }
+        check_words(&words)?;
         let number = "{{Task.Param.Part}}";
         let options = ["--part".to_owned(), format!("{number}/{}", self.parts), "-o".to_owned(), self.part(number)];
         let bake: Vec<String> =
             ["world".to_owned()].into_iter().chain(self.arguments.iter().cloned()).chain(options).collect();
         let requirements = json!({ "amounts": [{ "name": "amount.worker.memory", "min": self.megabytes() }] });
-        let script = |arguments: Vec<String>| -> Value {
-            json!({ "actions": { "onRun": { "command": "{{Param.Program}}", "args": arguments } } })
-        };
         let template = json!({
             "specificationVersion": "jobtemplate-2023-09",
-            "name": format!("patchlight world {}", self.name()),
+            "name": format!("patchlight world {}", name_of(&self.bake)),
             "parameterDefinitions": [{
                 "name": "Program",
                 "type": "STRING",
@@ -151,6 +139,40 @@ fi
     }
 }
 
+/// Writes jobs beside a bake; where.
+fn write_beside(bake: &Path, format: Format, text: &str) -> Result<PathBuf, Error> {
+    let path = bake.with_extension(match format {
+        Format::Slurm => "sbatch",
+        Format::Openjd => "openjd.json",
+    });
+    output::write_text(&path, text)?;
+    Ok(path)
+}
+
+/// Name of a bake.
+fn name_of(bake: &Path) -> String {
+    bake.file_stem().map_or_else(|| String::from("bake"), |stem| stem.to_string_lossy().into_owned())
+}
+
+/// A name as Slurm takes it.
+fn job_name(name: &str) -> String {
+    name.chars().map(|c| if c.is_ascii_alphanumeric() { c } else { '-' }).collect()
+}
+
+/// Refuses words that a job template cannot express: an expression begins with two brackets, and there is no way to
+/// write them otherwise.
+fn check_words(words: &[String]) -> Result<(), Error> {
+    match words.iter().find(|word| word.contains("{{")) {
+        Some(word) => Err(Error::Unplannable { word: word.clone() }),
+        None => Ok(()),
+    }
+}
+
+/// Script of a step that runs the program with these arguments.
+fn script(arguments: Vec<String>) -> Value {
+    json!({ "actions": { "onRun": { "command": "{{Param.Program}}", "args": arguments } } })
+}
+
 /// Jobs that go on from round to round of a bake, and trace the rows of each in parts.
 pub struct RoundPlan {
     /// Number of parts of each round.
@@ -169,17 +191,11 @@ impl RoundPlan {
     /// # Errors
     /// A file that cannot be written; paths that the format cannot express.
     pub fn write(&self, format: Format) -> Result<PathBuf, Error> {
-        let (ending, text) = match format {
-            Format::Slurm => ("sbatch", self.slurm()),
-            Format::Openjd => ("openjd.json", self.openjd()?),
+        let text = match format {
+            Format::Slurm => self.slurm(),
+            Format::Openjd => self.openjd()?,
         };
-        let path = self.bake.with_extension(ending);
-        output::write_text(&path, &text)?;
-        Ok(path)
-    }
-
-    fn name(&self) -> String {
-        self.bake.file_stem().map_or_else(|| String::from("scene"), |stem| stem.to_string_lossy().into_owned())
+        write_beside(&self.bake, format, &text)
     }
 
     /// Arguments of a job that goes on to a round, or with a part traces it.
@@ -190,8 +206,8 @@ impl RoundPlan {
     }
 
     fn slurm(&self) -> String {
-        let name = self.name();
-        let job: String = name.chars().map(|c| if c.is_ascii_alphanumeric() { c } else { '-' }).collect();
+        let name = name_of(&self.bake);
+        let job = job_name(&name);
         let [memory, part_memory] = self.memory.map(|memory| memory.div_ceil(MEBIBYTE));
         let words = self.arguments.iter().map(|word| quoted(word)).collect::<Vec<_>>().join(" ");
         let parts = self.parts;
@@ -221,16 +237,10 @@ done
     }
 
     fn openjd(&self) -> Result<String, Error> {
-        // An expression begins with two brackets, and there is no way to write them otherwise.
-        if let Some(word) = self.arguments.iter().find(|word| word.contains("{{")) {
-            return Err(Error::Unplannable { word: word.clone() });
-        }
+        check_words(&self.arguments)?;
         let [memory, part_memory] = self
             .memory
             .map(|memory| json!({ "amounts": [{ "name": "amount.worker.memory", "min": memory.div_ceil(MEBIBYTE) }] }));
-        let script = |arguments: Vec<String>| -> Value {
-            json!({ "actions": { "onRun": { "command": "{{Param.Program}}", "args": arguments } } })
-        };
         let mut steps = Vec::new();
         for round in 1..=MAX_ROUNDS + 1 {
             let number = round.to_string();
@@ -257,7 +267,7 @@ done
         }
         let template = json!({
             "specificationVersion": "jobtemplate-2023-09",
-            "name": format!("patchlight bake {}", self.name()),
+            "name": format!("patchlight bake {}", name_of(&self.bake)),
             "parameterDefinitions": [{
                 "name": "Program",
                 "type": "STRING",
