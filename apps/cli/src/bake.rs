@@ -154,16 +154,7 @@ pub fn run(common: &Common, args: &Bake) -> Result<(), Error> {
     if loaded.files.iter().any(|file| is_younger(file, begun)) {
         progress.warn(&format!("{} was edited while it was baked; bake it again", args.scene));
     }
-    let report = Report {
-        bytes: file_bytes(&path)?,
-        patches: bake.mesh().patches.len(),
-        elements: bake.mesh().elements.len(),
-        receivers: bake.receivers().points.len(),
-        operators: operators(&bake),
-        seconds: progress.phases(),
-        peak_memory_bytes: peak_memory_bytes(),
-        file: path,
-    };
+    let report = Report::of(&bake, path, &progress)?;
     match common.json {
         true => say!("{}", output::json(&report)),
         false => report.print(),
@@ -271,6 +262,19 @@ fn arguments(scene: &str, bake: &Path) -> Result<Vec<String>, Error> {
 }
 
 impl Report {
+    fn of(bake: &patchlight::Bake, file: PathBuf, progress: &Progress) -> Result<Self, Error> {
+        Ok(Self {
+            bytes: file_bytes(&file)?,
+            patches: bake.mesh().patches.len(),
+            elements: bake.mesh().elements.len(),
+            receivers: bake.receivers().points.len(),
+            operators: operators(bake),
+            seconds: progress.phases(),
+            peak_memory_bytes: peak_memory_bytes(),
+            file,
+        })
+    }
+
     fn print(&self) {
         say!("{:14} {}, {}", "file", self.file.display(), output::bytes(self.bytes));
         say!("{:14} {}, {} elements, {} receivers", "patches", self.patches, self.elements, self.receivers);

@@ -542,11 +542,10 @@ fn table<T>(caption: String, first: &str, parts: &[Vec<(String, T)>], cell: impl
 
 fn times_table(runs: &[Run], device: &str) -> Table {
     let parts: Vec<Times> = runs.iter().map(|run| run.times.clone()).collect();
-    let cell = |values: &Vec<f64>| {
+    table(format!("Time of each pass, median ms (greatest), {device}"), "pass", &parts, |values| {
         PassTimes::of(values)
             .map_or(String::new(), |t| format!("{} ({})", significant(t.median_ms), significant(t.max_ms)))
-    };
-    table(format!("Time of each pass, median ms (greatest), {device}"), "pass", &parts, cell)
+    })
 }
 
 fn bytes_table(runs: &[Run]) -> Table {

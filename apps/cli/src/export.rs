@@ -78,8 +78,8 @@ pub struct Export {
 pub fn run(common: &Common, args: &Export) -> Result<(), Error> {
     let progress = Progress::new(common.quiet);
     let Lightable { loaded, mut renderer, out } = Lightable::of(common, &args.light, "export", &progress)?;
-    let of_scene = |error: patchlight::Error| Error::of_scene(error, &args.light.scene);
-    let places = interruptible(|| Places::of(args, &loaded, renderer.light().bake(), &progress)).map_err(of_scene)?;
+    let places = interruptible(|| Places::of(args, &loaded, renderer.light().bake(), &progress))
+        .map_err(|error| Error::of_scene(error, &args.light.scene))?;
     let movement = Movement::new(&loaded, (args.animate.unwrap_or(Animate::Path), None), args.frames, &progress);
     let mut written = Vec::new();
     for number in 0..args.frames {
@@ -186,8 +186,8 @@ impl Places {
             let texels: Vec<Vec3> =
                 lightmap.picture(&values).map_err(patchlight::Error::from)?.iter().map(|v| v.truncate()).collect();
             let exr = format!("{name}.exr");
-            let charted = |&&(triangle, front): &&(u32, bool)| lightmap.uv(triangle, front).is_some();
-            let of: Vec<&(u32, bool)> = self.sides.iter().filter(charted).collect();
+            let of: Vec<&(u32, bool)> =
+                self.sides.iter().filter(|&&(triangle, front)| lightmap.uv(triangle, front).is_some()).collect();
             let uvs: Vec<_> = of.iter().filter_map(|&&(triangle, front)| lightmap.uv(triangle, front)).collect();
             let sides: Vec<LitSide> =
                 of.iter().map(|&&(triangle, front)| LitSide { triangle, front, irradiance: [Vec3::ZERO; 3] }).collect();

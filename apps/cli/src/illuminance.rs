@@ -92,7 +92,6 @@ struct PlaneReport {
 pub fn run(common: &Common, args: &Illuminance) -> Result<(), Error> {
     let progress = Progress::new(common.quiet);
     let Lightable { loaded, mut renderer, out } = Lightable::of(common, &args.light, "illuminance", &progress)?;
-    let of_scene = |error: patchlight::Error| Error::of_scene(error, &args.light.scene);
     let camera = loaded.view.camera(args.size.0, args.size.1);
     renderer.update_light(&loaded.scene.lighting, &camera)?;
 
@@ -109,7 +108,9 @@ pub fn run(common: &Common, args: &Illuminance) -> Result<(), Error> {
     let cylindrical = args.cylindrical.iter().map(|&height| (PlaneKind::Cylindrical, height));
     for (number, (kind, height)) in horizontal.chain(cylindrical).enumerate() {
         let plane = CalculationPlane { kind, height, spacing: args.grid, area: args.area };
-        let light = progress.phase("light of a plane", |_| plane.light(renderer.light_mut())).map_err(of_scene)?;
+        let light = progress
+            .phase("light of a plane", |_| plane.light(renderer.light_mut()))
+            .map_err(|error| Error::of_scene(error, &args.light.scene))?;
         let Some([mean, minimum, maximum]) = light.statistics() else {
             progress.warn(&format!("the plane at {height} m has no point in the open; it is left out"));
             continue;

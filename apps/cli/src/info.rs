@@ -109,7 +109,6 @@ pub fn run(common: &Common, spec: &str, patches: &PatchOptions, operator: &Opera
 impl Info {
     fn of(loaded: &LoadedScene) -> Self {
         let s = &loaded.scene;
-        let area = |t: &scene::gpu::Triangle| f64::from(0.5 * t.edge_a.cross(t.edge_b).length());
         let count = |f: &dyn Fn(&scene::Material) -> bool| s.materials.iter().filter(|m| f(m)).count();
         let lights = s.lighting.lights.iter().map(|l| match l.kind {
             LIGHT_DIRECTIONAL => format!("directional, irradiance {} W/m²", l.color),
@@ -137,7 +136,7 @@ impl Info {
             masked_materials: count(&|m| m.mask_texture != NONE),
             emissive_materials: count(&|m| m.radiance.max_element() > 0.0),
             textures: s.geometry.textures.len(),
-            area_m2: s.geometry.triangles.iter().map(area).sum(),
+            area_m2: s.geometry.triangles.iter().map(|t| f64::from(0.5 * t.edge_a.cross(t.edge_b).length())).sum(),
             // The sum of nothing is −0.
             emitting_area_m2: s.emitters.iter().map(|e| f64::from(e.area)).sum::<f64>().abs(),
             bounds_m: [s.geometry.bounds.0.to_array(), s.geometry.bounds.1.to_array()],

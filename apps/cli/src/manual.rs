@@ -28,8 +28,9 @@ pub fn pages(folder: &Path) -> Result<(), Error> {
         let name = command.get_display_name().unwrap_or(command.get_name()).to_owned();
         let mut page = Vec::new();
         let path = folder.join(format!("{name}.1"));
-        let failed = |source| Error::Write { path: path.clone(), source };
-        clap_mangen::Man::new(command.clone()).render(&mut page).map_err(failed)?;
+        clap_mangen::Man::new(command.clone())
+            .render(&mut page)
+            .map_err(|source| Error::Write { path: path.clone(), source })?;
         output::write_text(&path, &String::from_utf8_lossy(&page))?;
     }
     Ok(())

@@ -424,8 +424,8 @@ impl Job<'_> {
         }
         summary.passes = times.iter().filter_map(|(name, t)| Some((name.clone(), PassTimes::of(t)?))).collect();
         if let Some(path) = &args.graph {
-            let ms = |name: &str| summary.passes.get(name).map(|times| times.median_ms);
-            let graph = Graph::new(renderer.light_mut().executor_mut().plan().clone()).graphviz(ms);
+            let graph = Graph::new(renderer.light_mut().executor_mut().plan().clone())
+                .graphviz(|name| summary.passes.get(name).map(|times| times.median_ms));
             output::write_text(path, &graph)?;
         }
         summary.light_update = light_update(renderer, updates)?;

@@ -210,8 +210,7 @@ impl Live {
             is_smooth: state.is_smooth,
         };
         let is_new = self.last.as_ref() != Some(&wanted);
-        let of_same_size = |last: Wanted| Wanted { size, ..last };
-        self.is_moving = is_new && shown.map(of_same_size).as_ref() != Some(&wanted);
+        self.is_moving = is_new && shown.map(|last| Wanted { size, ..last }).as_ref() != Some(&wanted);
         if !is_new && self.is_settled() {
             return Ok(None);
         }

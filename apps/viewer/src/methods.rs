@@ -99,10 +99,9 @@ impl Methods {
     /// # Errors
     /// Why it cannot be, in words.
     pub fn choose(&mut self, name: &str) -> Result<(), String> {
-        let is_named = |choice: &&(usize, &MethodChoice)| choice.1.name == name;
         let is_begun = |choice: &&(usize, &MethodChoice)| choice.1.name.split(' ').next() == Some(name);
         let all: Vec<(usize, &MethodChoice)> = self.choices.iter().enumerate().collect();
-        let found = all.iter().find(is_named).or_else(|| all.iter().find(is_begun));
+        let found = all.iter().find(|choice| choice.1.name == name).or_else(|| all.iter().find(is_begun));
         let Some(&(index, choice)) = found else {
             let names: Vec<&str> = self.choices.iter().map(|choice| choice.name.as_str()).collect();
             return Err(format!("there is no method `{name}`; choose from {}", names.join(", ")));

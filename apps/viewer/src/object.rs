@@ -119,8 +119,9 @@ pub fn draw(bytes: &mut [u8], camera: &Camera, stops: f32, object: &Object, prob
 /// The pixels that show the ball.
 fn seen(camera: &Camera, object: &Object, scene: &Scene) -> Vec<Seen> {
     let (columns, rows) = object.covered(camera);
-    let in_row = |y: usize| columns.clone().filter_map(move |x| seen_in(camera, object, scene, (x, y)));
-    rows.into_par_iter().flat_map_iter(in_row).collect()
+    rows.into_par_iter()
+        .flat_map_iter(|y| columns.clone().filter_map(move |x| seen_in(camera, object, scene, (x, y))))
+        .collect()
 }
 
 fn seen_in(camera: &Camera, object: &Object, scene: &Scene, (x, y): (usize, usize)) -> Option<Seen> {

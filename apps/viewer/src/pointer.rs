@@ -194,8 +194,7 @@ fn handles(ui: &mut Ui, state: &mut State, picture: Rect) {
 }
 
 fn draw_handle(ui: &Ui, color: Vec3, is_on: bool, centre: Pos2, is_selected: bool) {
-    let channel = |x: f32| (255.0 * x.clamp(0.0, 1.0)) as u8;
-    let color = color.to_array().map(channel);
+    let color = color.to_array().map(|x| (255.0 * x.clamp(0.0, 1.0)) as u8);
     let fill = if is_on { Color32::from_rgb(color[0], color[1], color[2]) } else { Color32::DARK_GRAY };
     let width = if is_selected { 3.0 } else { 1.5 };
     ui.painter().circle(centre, HANDLE - 2.0, fill, Stroke::new(width, Color32::BLACK));

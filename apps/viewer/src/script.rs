@@ -328,11 +328,7 @@ fn apply(command: &Command, state: &mut State) -> Result<(), String> {
             state.sun.latitude = *degrees;
             place_sun(state)?;
         }
-        Command::AddLight(new) => {
-            let place = state.place_ahead();
-            let direction = state.eye.forward();
-            state.lighting.add(*new, place, direction, 0.3 * state.distance);
-        }
+        Command::AddLight(new) => add_light(state, *new),
         Command::Light { number, change } => change_light(state, *number, *change)?,
         Command::Emission { material, radiance } => {
             let index = state.material(material)?;
@@ -374,6 +370,13 @@ fn apply(command: &Command, state: &mut State) -> Result<(), String> {
         | Command::SunHour { .. } => {}
     }
     Ok(())
+}
+
+/// Adds a light ahead, shining where the eye looks.
+fn add_light(state: &mut State, new: NewLight) {
+    let place = state.place_ahead();
+    let direction = state.eye.forward();
+    state.lighting.add(new, place, direction, 0.3 * state.distance);
 }
 
 fn choose_camera(state: &mut State, number: usize) -> Result<(), String> {

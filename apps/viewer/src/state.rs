@@ -194,10 +194,6 @@ impl State {
         let (low, high) = bake.scene().geometry.bounds;
         let metres = (high - low).length();
         let cameras = cameras(loaded, metres);
-        let suits = |shown: &Shown| match shown {
-            Shown::Debug(kind) => kind.suits(bake.mesh(), bake.receivers()),
-            Shown::Light | Shown::Error => true,
-        };
         Self {
             lighting: EditedLighting::of(bake),
             eye: cameras[0].1,
@@ -205,7 +201,12 @@ impl State {
             exposure_stops: loaded.exposure_stops,
             methods: Methods::of(bake, defaults),
             shown: Shown::Light,
-            showable: Shown::all().filter(suits).collect(),
+            showable: Shown::all()
+                .filter(|shown| match shown {
+                    Shown::Debug(kind) => kind.suits(bake.mesh(), bake.receivers()),
+                    Shown::Light | Shown::Error => true,
+                })
+                .collect(),
             sun: SunTime::default(),
             compass: Compass::of_up(loaded.view.up),
             split: Split { is_on: false, at: 0.5 },
@@ -264,8 +265,9 @@ impl State {
     pub fn scene_object(&self, name: &str) -> Result<u32, String> {
         let numbered = name.parse::<usize>().ok().and_then(|k| k.checked_sub(1)).filter(|&k| k < self.objects.len());
         let found = self.objects.iter().position(|own| own == name).or(numbered);
-        let names = || format!("there is no object `{name}`; there are: {}", self.objects.join(", "));
-        found.map(|k| k as u32).ok_or_else(names)
+        found
+            .map(|k| k as u32)
+            .ok_or_else(|| format!("there is no object `{name}`; there are: {}", self.objects.join(", ")))
     }
 
     /// Why the albedo of materials cannot be changed under the chosen method; none where it can.

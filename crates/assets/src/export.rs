@@ -83,8 +83,8 @@ impl SceneFiles {
     /// # Errors
     /// [`ImportError::Write`] names the file.
     pub fn write(&self, continues: &dyn Fn() -> bool) -> Result<Option<&Path>, ImportError> {
-        let failed = |source| ImportError::Write { path: self.folder.clone(), source };
-        std::fs::create_dir_all(&self.folder).map_err(failed)?;
+        std::fs::create_dir_all(&self.folder)
+            .map_err(|source| ImportError::Write { path: self.folder.clone(), source })?;
         for (path, bytes) in &self.files {
             if !write_file(path, bytes, continues)? {
                 return Ok(None);

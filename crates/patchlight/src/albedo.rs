@@ -128,8 +128,7 @@ fn check(changed: &[Option<Vec3>], materials: &[Material]) -> Result<(), Error> 
     let is_wrong = |albedo: &Vec3| !(albedo.min_element() >= 0.0 && albedo.max_element() <= MAX_ALBEDO);
     for (material, (albedo, own)) in changed.iter().zip(materials).enumerate() {
         let rest = Vec3::ONE - own.mirror - own.transmittance;
-        let is_wrong = |albedo: &Vec3| albedo.is_nan() || is_wrong(albedo) || albedo.cmpgt(rest).any();
-        if let Some(value) = albedo.filter(is_wrong) {
+        if let Some(value) = albedo.filter(|albedo| albedo.is_nan() || is_wrong(albedo) || albedo.cmpgt(rest).any()) {
             return Err(Reason::AlbedoValue { material, value }.into());
         }
     }
@@ -139,18 +138,19 @@ fn check(changed: &[Option<Vec3>], materials: &[Material]) -> Result<(), Error> 
 /// The materials of a scene, some with another albedo.
 fn with_albedo(scene: &Scene, changed: &[Option<Vec3>]) -> Vec<Material> {
     let own = scene.materials.iter().zip(changed);
-    let material = |(material, changed): (&Material, &Option<Vec3>)| match changed {
+    own.map(|(material, changed)| match changed {
         Some(albedo) => Material { albedo: *albedo, albedo_texture: NONE, ..*material },
         None => *material,
-    };
-    own.map(material).collect()
+    })
+    .collect()
 }
 
 /// Bounces that settle with an albedo of the patches: those of the bake where it says their number, or nothing is
 /// brighter.
 fn bounces(bake: &Bake, patches: &[Vec4]) -> Result<u32, Error> {
-    let is_brighter = |(new, old): (&Vec4, &Vec4)| new.truncate().cmpgt(old.truncate()).any();
-    if bake.settings.bounces.is_some() || !patches.iter().zip(&bake.mesh.albedo).any(is_brighter) {
+    if bake.settings.bounces.is_some()
+        || !patches.iter().zip(&bake.mesh.albedo).any(|(new, old)| new.truncate().cmpgt(old.truncate()).any())
+    {
         return Ok(bake.bounces);
     }
     let enough = enough_bounces(&bake.form_factors.factors, patches)?;

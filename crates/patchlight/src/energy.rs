@@ -254,13 +254,15 @@ impl Settled {
         let mut elements = patches.irradiance.clone();
         if let Some(rows) = &factors.element_rows {
             let patch = |element: usize| patches.irradiance[mesh.patch_of(element as u32) as usize];
-            let bounce = |element: usize| source[element] + mesh.element_albedo[element] * patch(element);
-            let exitance: Vec<Vec4> = (0..source.len()).map(bounce).collect();
+            let exitance: Vec<Vec4> = (0..source.len())
+                .map(|element| source[element] + mesh.element_albedo[element] * patch(element))
+                .collect();
             elements = vec![Vec4::ZERO; source.len()];
             rows.apply(&exitance, &mut elements)?;
         }
-        let bounce = |element: usize| source[element] + mesh.element_albedo[element] * elements[element];
-        let exitance: Vec<Vec4> = (0..source.len()).map(bounce).collect();
+        let exitance: Vec<Vec4> = (0..source.len())
+            .map(|element| source[element] + mesh.element_albedo[element] * elements[element])
+            .collect();
         let points = interpolated(bake, &exitance)?;
         Ok(Self { elements, points })
     }

@@ -17,7 +17,6 @@ use scene::kernel::camera::{camera_direction, surface_point};
 use scene::math::luminance;
 use scene::sampling::{cosine_hemisphere, hammersley, hash3};
 use scene::{Camera, Hit, LUMENS_PER_WATT, NONE, ReceiverSet as _, Scene, Sides, SurfacePoint, Visibility as _};
-use transport::TriangleGrid;
 use transport::kernel::grid::{cell_count, interpolate_receivers};
 use transport::kernel::view::vertices_at;
 
@@ -60,11 +59,10 @@ pub fn lit_sides(bake: &Bake) -> Vec<Sides> {
             cells.iter().any(|cell| cell.first != NONE)
         }
     };
-    let sides = |grid: &TriangleGrid| Sides {
-        front: is_lit(grid.front, grid.divisions),
-        back: is_lit(grid.back, grid.divisions),
-    };
-    mesh.grids.iter().map(sides).collect()
+    mesh.grids
+        .iter()
+        .map(|grid| Sides { front: is_lit(grid.front, grid.divisions), back: is_lit(grid.back, grid.divisions) })
+        .collect()
 }
 
 /// Returns true if light comes to a point of the bake's scene: one of a few rays from it leaves the scene or meets a
@@ -163,17 +161,18 @@ pub fn on_view(field: &mut LightField, camera: &Camera, part: LightPart) -> Resu
     let mesh = &field.bake().receivers.interpolation;
     let scene = field.scene();
     let tables = scene.tables();
-    let seen = |pixel: u32| {
-        let x = pixel % camera.width;
-        let y = pixel / camera.width;
-        let direction = camera_direction(camera, x as f32 + 0.5, y as f32 + 0.5).normalize_or_zero();
-        let hit = scene.closest_before(camera.eye, direction, FAR);
-        let point = surface_point(&tables, hit, direction);
-        let front = !hit.is_miss() && tables.normal(hit.triangle).dot(point.normal) > 0.0;
-        (interpolate_receivers(&mesh.grids, &mesh.cells, &mesh.vertices, &indirect, hit, front), point)
-    };
-    let (mut values, points): (Vec<Vec4>, Vec<SurfacePoint>) =
-        (0..camera.width * camera.height).into_par_iter().map(seen).unzip();
+    let (mut values, points): (Vec<Vec4>, Vec<SurfacePoint>) = (0..camera.width * camera.height)
+        .into_par_iter()
+        .map(|pixel| {
+            let x = pixel % camera.width;
+            let y = pixel / camera.width;
+            let direction = camera_direction(camera, x as f32 + 0.5, y as f32 + 0.5).normalize_or_zero();
+            let hit = scene.closest_before(camera.eye, direction, FAR);
+            let point = surface_point(&tables, hit, direction);
+            let front = !hit.is_miss() && tables.normal(hit.triangle).dot(point.normal) > 0.0;
+            (interpolate_receivers(&mesh.grids, &mesh.cells, &mesh.vertices, &indirect, hit, front), point)
+        })
+        .unzip();
     add_direct(scene, &points, part, &mut values);
     Ok(values.iter().map(|e| e.truncate()).collect())
 }

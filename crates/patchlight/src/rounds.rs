@@ -144,11 +144,12 @@ impl Rounds {
             return Err(Reason::MissingRows { round, path: self.part(round, Part { number: 1, of: 1 }) }.into());
         };
         let parts = (1..=of).map(|number| self.part(round, Part { number, of }));
-        let check = |path: PathBuf| match path.exists() {
-            true => Ok(path),
-            false => Err(Reason::MissingRows { round, path }.into()),
-        };
-        parts.map(check).collect()
+        parts
+            .map(|path| match path.exists() {
+                true => Ok(path),
+                false => Err(Reason::MissingRows { round, path }.into()),
+            })
+            .collect()
     }
 
     /// Writes a file under a name of its own, which it gets when it is whole: the key, a CRC-32, and the value.

@@ -488,11 +488,11 @@ impl<'a> PathTracer<'a> {
         if radiance == Vec3::ZERO || self.emitter_density.is_empty() {
             return radiance;
         }
-        let density = || {
-            let cosine = -self.geometry.normal(hit.triangle).dot(direction);
-            self.emitter_density[hit.triangle as usize] * hit.t * hit.t / cosine
-        };
-        radiance * bounce_weight(strategy, cosine_density, density)
+        radiance
+            * bounce_weight(strategy, cosine_density, || {
+                let cosine = -self.geometry.normal(hit.triangle).dot(direction);
+                self.emitter_density[hit.triangle as usize] * hit.t * hit.t / cosine
+            })
     }
 
     /// E/π of all lights by shadow rays: one to each light, one to an emissive triangle, one to the sky map.

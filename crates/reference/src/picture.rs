@@ -64,10 +64,9 @@ impl PictureFile for Picture {
     }
 
     fn write_exr(&self, path: &Path, precision: Precision) -> Result<(), Error> {
-        let half = |x: f32| f16::from_f32(x.clamp(-65_504.0, 65_504.0));
         match precision {
             Precision::Single => write_exr_as(self, path, |x| x),
-            Precision::Half => write_exr_as(self, path, half),
+            Precision::Half => write_exr_as(self, path, |x| f16::from_f32(x.clamp(-65_504.0, 65_504.0))),
         }
     }
 

@@ -207,14 +207,13 @@ impl Graph {
             .iter()
             .map(|id| {
                 let bound = &self.plan.passes()[id.0].bound;
-                let conflict = |b: &Bound| {
+                let waits = bound.iter().any(|b| {
                     open.iter().any(|(slot, a)| {
                         *slot == self.slot_of[b.buffer.0]
                             && (a.writes || b.writes)
                             && (a.buffer != b.buffer || a.overlaps(b))
                     })
-                };
-                let waits = bound.iter().any(conflict);
+                });
                 if waits {
                     open.clear();
                 }

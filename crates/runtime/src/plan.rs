@@ -285,12 +285,11 @@ impl Plan {
     /// [`PlanError::OtherSections`] unless both plans have the same buffers and passes there.
     pub(crate) fn keep_passes(&mut self, loaded: &Self, section: usize) -> Result<(), PlanError> {
         let start = self.section_start(section);
-        let is_like = |(own, other): (&Pass, &Pass)| {
-            std::ptr::eq(own.kernel, other.kernel) && own.name == other.name && own.bound == other.bound
-        };
         let is_same = loaded.section_start(section) == start
             && self.buffers[..start.buffers] == loaded.buffers[..start.buffers]
-            && self.passes[..start.passes].iter().zip(&loaded.passes[..start.passes]).all(is_like);
+            && self.passes[..start.passes].iter().zip(&loaded.passes[..start.passes]).all(|(own, other)| {
+                std::ptr::eq(own.kernel, other.kernel) && own.name == other.name && own.bound == other.bound
+            });
         if !is_same {
             return Err(PlanError::OtherSections { section });
         }

@@ -64,8 +64,9 @@ impl<'a> ProxyRadiosity<'a> {
         let (proxy, numbers) = progress.phase("voxel proxy", |_| -> Result<_, Error> {
             let panels = with_panels(scene)?;
             let original = panels.as_ref().unwrap_or(scene);
-            let count = |proxy: &VoxelProxy| lit_faces(proxy, &scene.lighting).map_or(0, |numbers| count(&numbers));
-            let proxy = VoxelProxy::for_count(original, settings.patch_count, count)?;
+            let proxy = VoxelProxy::for_count(original, settings.patch_count, |proxy| {
+                lit_faces(proxy, &scene.lighting).map_or(0, |numbers| count(&numbers))
+            })?;
             let numbers = lit_faces(&proxy, &scene.lighting)?;
             Ok((proxy, numbers))
         })?;
@@ -125,10 +126,11 @@ impl<'a> ProxyRadiosity<'a> {
     /// Indirect irradiance at points of the true surface, W/m². None where no face that light comes to faces as the
     /// point does: the proxy may lack a whole side of a thing that is thinner than its voxels.
     pub fn irradiance_at(&self, points: &[SurfacePoint], lookup: ProxyLookup) -> Vec<Vec3> {
-        let light = |weights: [(u32, f32); 4]| -> Vec3 {
-            weights.iter().map(|&(face, weight)| self.light[face as usize] * weight).sum()
+        let of_point = |p: &SurfacePoint| {
+            self.proxy.weights_at(p.position, p.normal, lookup).map_or(Vec3::ZERO, |weights| -> Vec3 {
+                weights.iter().map(|&(face, weight)| self.light[face as usize] * weight).sum()
+            })
         };
-        let of_point = |p: &SurfacePoint| self.proxy.weights_at(p.position, p.normal, lookup).map_or(Vec3::ZERO, light);
         points.par_iter().map(of_point).collect()
     }
 
@@ -155,12 +157,11 @@ impl<'a> ProxyRadiosity<'a> {
     /// Form factors between the faces that are patches.
     fn form_factors(&self, report: &Steps) -> Result<FactorRows, Error> {
         let proxy = &self.proxy;
-        let own = |number: &(&ProxyFace, &u32)| *number.1 != NONE;
         let patches: Vec<Patch> = proxy
             .faces
             .iter()
             .zip(&self.numbers)
-            .filter(own)
+            .filter(|number| *number.1 != NONE)
             .map(|(f, _)| Patch { centroid: f.centre, area: proxy.face_area(), normal: f.normal, triangle: NONE })
             .collect();
         let offsets: Vec<u32> = (0..=patches.len() as u32).map(|k| k * FACE_POINTS * FACE_POINTS).collect();

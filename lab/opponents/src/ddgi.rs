@@ -345,10 +345,11 @@ impl Ddgi {
     fn ray(&self, params: &TraceParams, probe: u32, k: u32, direction: Vec3) -> ProbeRay {
         let scene = &self.scene;
         let hit = scene.closest_before(self.probes[probe as usize].position, direction, FAR);
-        let occluded = |origin: Vec3, direction: Vec3, t_max: f32| scene.occluded(origin, direction, t_max);
         let tables = ProbeTables { probes: &self.probes, irradiance: &self.irradiance, visibility: &self.visibility };
         let met = Met { index: probe * params.rays + k, direction, hit };
-        probe_ray(&scene.tables(), params, &scene.all_lights(), tables, met, occluded)
+        probe_ray(&scene.tables(), params, &scene.all_lights(), tables, met, |origin, direction, t_max| {
+            scene.occluded(origin, direction, t_max)
+        })
     }
 
     /// Blends the rays into the probes.

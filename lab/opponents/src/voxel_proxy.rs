@@ -218,8 +218,7 @@ impl VoxelProxy {
                     let f = &self.faces[face as usize];
                     let agreement = f.normal.dot(normal);
                     let distance = f.centre.distance_squared(position);
-                    let better = |b: (f32, f32, u32)| (agreement, -distance) > (b.0, -b.1);
-                    if agreement > 0.0 && best.is_none_or(better) {
+                    if agreement > 0.0 && best.is_none_or(|b| (agreement, -distance) > (b.0, -b.1)) {
                         best = Some((agreement, distance, face));
                     }
                 }

@@ -146,10 +146,11 @@ pub fn printed_cluster_patches(
 /// First exitance of patches, W/m²: `E_j = Σ_i e_i max(0, N_j·n_i)` over the points of the patch's voxel [T 5.8], with
 /// what the points send, `sent`, one entry a sample, and the samples of each patch's voxel.
 pub fn printed_source(set: &PatchSet, voxel_samples: &[Range<usize>], sent: &[Vec3]) -> Vec<Vec3> {
-    let exitance = |(patch, range): (&VirtualPatch, &Range<usize>)| {
-        range.clone().map(|k| sent[k] * patch.normal.dot(set.samples[k].normal).max(0.0)).sum()
-    };
-    set.patches.iter().zip(voxel_samples).map(exitance).collect()
+    set.patches
+        .iter()
+        .zip(voxel_samples)
+        .map(|(patch, range)| range.clone().map(|k| sent[k] * patch.normal.dot(set.samples[k].normal).max(0.0)).sum())
+        .collect()
 }
 
 /// Checks what a caller found.
@@ -190,9 +191,8 @@ impl Merging {
     fn new(samples: &[Sample], own: Range<usize>, rows: &PointRows, patch_of: &[usize], before: &[f64]) -> Self {
         let first = before.len();
         let n = own.len();
-        let area = |k: usize| f64::from(samples[k].area);
         let mut areas = before.to_vec();
-        areas.extend((own.start..samples.len()).map(area));
+        areas.extend((own.start..samples.len()).map(|k| f64::from(samples[k].area)));
         let cluster = |i: usize| {
             let s = &samples[own.start + i];
             let mut row = vec![0.0; areas.len()];
@@ -432,36 +432,57 @@ pub fn printed_axis_patches(grid: &Grid, set: SampleSet, rows: &RowsOfPoints) ->
         }
         voxel_patches.push(patches.len());
     }
-    let n = patches.len();
-    let mut factors = Dense::zeros(n, n);
-    let mut sky = vec![0.0; n];
-    let mut most_entries = 0;
-    for slot in 0..grid.len() {
-        let own = set.range(slot);
-        let first = voxel_patches[slot];
-        let mut sums = vec![vec![0.0f64; n + 1]; voxel_patches[slot + 1] - first];
-        if own.is_empty() {
-            continue;
-        }
-        let found = checked(rows(own.clone())?, own.len(), samples.len())?;
-        most_entries = most_entries.max(found.factors.len());
-        for (i, line) in found.factors.chunks(samples.len()).enumerate() {
-            let mut row = vec![0.0f64; n + 1];
-            for (factor, parts) in line.iter().zip(&parts).filter(|(factor, _)| **factor > 0.0) {
-                parts.iter().for_each(|&(patch, w)| row[patch] += w * f64::from(*factor));
-            }
-            row[n] = f64::from(found.sky[i]);
-            let sample = own.start + i;
-            for &(patch, w) in &parts[sample] {
-                let share = w * f64::from(samples[sample].area) / areas[patch];
-                sums[patch - first].iter_mut().zip(&row).for_each(|(sum, f)| *sum += share * w * f);
-            }
-        }
-        for (k, sum) in sums.iter().enumerate() {
-            factors.row_mut(first + k).iter_mut().zip(sum).for_each(|(f, sum)| *f = *sum as f32);
-            sky[first + k] = sum[n] as f32;
-        }
-    }
+    let axis = AxisParts { parts, areas, voxel_patches };
+    let (factors, sky, most_entries) = axis.factors(&set, rows)?;
     let set = PatchSet::new(set.samples, patches, offsets, members)?;
     Ok(PrintedPatches { set, factors, sky, most_entries })
+}
+
+/// Axis patches and the samples that they are made of.
+struct AxisParts {
+    /// Patches of each sample, with its weight there.
+    parts: Vec<Vec<(usize, f64)>>,
+    /// Areas of the patches, m².
+    areas: Vec<f64>,
+    /// First patch of each voxel, and their number.
+    voxel_patches: Vec<usize>,
+}
+
+impl AxisParts {
+    /// Form factors between the patches, those of the sky, and the most entries of rows of points that were held at once.
+    fn factors(&self, set: &SampleSet, rows: &RowsOfPoints) -> Result<(Dense, Vec<f32>, usize), Error> {
+        let Self { parts, areas, voxel_patches } = self;
+        let samples = &set.samples;
+        let n = areas.len();
+        let mut factors = Dense::zeros(n, n);
+        let mut sky = vec![0.0; n];
+        let mut most_entries = 0;
+        for slot in 0..voxel_patches.len() - 1 {
+            let own = set.range(slot);
+            let first = voxel_patches[slot];
+            let mut sums = vec![vec![0.0f64; n + 1]; voxel_patches[slot + 1] - first];
+            if own.is_empty() {
+                continue;
+            }
+            let found = checked(rows(own.clone())?, own.len(), samples.len())?;
+            most_entries = most_entries.max(found.factors.len());
+            for (i, line) in found.factors.chunks(samples.len()).enumerate() {
+                let mut row = vec![0.0f64; n + 1];
+                for (factor, parts) in line.iter().zip(parts).filter(|(factor, _)| **factor > 0.0) {
+                    parts.iter().for_each(|&(patch, w)| row[patch] += w * f64::from(*factor));
+                }
+                row[n] = f64::from(found.sky[i]);
+                let sample = own.start + i;
+                for &(patch, w) in &parts[sample] {
+                    let share = w * f64::from(samples[sample].area) / areas[patch];
+                    sums[patch - first].iter_mut().zip(&row).for_each(|(sum, f)| *sum += share * w * f);
+                }
+            }
+            for (k, sum) in sums.iter().enumerate() {
+                factors.row_mut(first + k).iter_mut().zip(sum).for_each(|(f, sum)| *f = *sum as f32);
+                sky[first + k] = sum[n] as f32;
+            }
+        }
+        Ok((factors, sky, most_entries))
+    }
 }

@@ -99,8 +99,7 @@ impl MaterialDraft {
                 self.name, before.x, before.y, before.z
             ));
         }
-        let emitted = |x: f32| if x.is_finite() { x.clamp(0.0, QUANTITY_LIMIT) } else { 0.0 };
-        let radiance = self.radiance.map(emitted);
+        let radiance = self.radiance.map(|x| if x.is_finite() { x.clamp(0.0, QUANTITY_LIMIT) } else { 0.0 });
         if radiance != self.radiance {
             warnings.push(format!(
                 "material {}: emission below 0 or not finite counts as 0, above {QUANTITY_LIMIT:e} as that",
@@ -477,8 +476,7 @@ fn far_corner(mesh: &Mesh, t: &FileTriangle, path: &Path) -> ImportError {
 
 /// Corners, the least first, in the order of the winding: equal for equal triangles.
 fn corner_key(t: &FileTriangle) -> [[u32; 3]; 3] {
-    let bits = |p: Vec3| (p + 0.0).to_array().map(f32::to_bits);
-    let mut key = t.corners.map(bits);
+    let mut key = t.corners.map(|p| (p + 0.0).to_array().map(f32::to_bits));
     let first = (0..3).min_by_key(|k| key[*k]).unwrap_or(0);
     key.rotate_left(first);
     key

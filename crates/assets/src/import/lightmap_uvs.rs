@@ -62,8 +62,8 @@ impl LightmapUvs {
             let uv = t.uvs.iter().find(|uv| is_out(uv)).copied().unwrap_or_default();
             return Some(format!("triangle {} has {uv}, outside of the texture", k + 1));
         }
-        let area = |t: &AtlasTriangle| (t.uvs[1] - t.uvs[0]).perp_dot(t.uvs[2] - t.uvs[0]).abs();
-        (self.0.iter().map(area).sum::<f32>() <= 0.0).then(|| "no triangle covers any of the texture".to_owned())
+        (self.0.iter().map(|t| (t.uvs[1] - t.uvs[0]).perp_dot(t.uvs[2] - t.uvs[0]).abs()).sum::<f32>() <= 0.0)
+            .then(|| "no triangle covers any of the texture".to_owned())
     }
 
     /// As text, for a description of the scene.

@@ -287,8 +287,9 @@ struct Brightest {
 impl Brightest {
     fn new(scene: &Scene, texels: Texels) -> Self {
         let greatest = |texture: &scene::gpu::Texture| {
-            let texel = |k: u32| scene::kernel::texture::texel(&scene.geometry.texels, texture.offset + k).truncate();
-            (0..texture.width * texture.height).map(texel).fold(Vec3::ZERO, Vec3::max)
+            (0..texture.width * texture.height)
+                .map(|k| scene::kernel::texture::texel(&scene.geometry.texels, texture.offset + k).truncate())
+                .fold(Vec3::ZERO, Vec3::max)
         };
         Self { whole: (texels == Texels::Bound).then(|| scene.geometry.textures.par_iter().map(greatest).collect()) }
     }

@@ -220,8 +220,8 @@ impl<'a> Search<'a> {
         // The power that there would be without shadows says what matters.
         let open = |t: usize| {
             let of = move |&light: &u32| {
-                let share = |side: Side| side.arrival(Vec2::splat(1.0 / 3.0)).1.share * side.sign();
-                Side::new(scene, t as u32, light).map_or(0.0, share)
+                Side::new(scene, t as u32, light)
+                    .map_or(0.0, |side| side.arrival(Vec2::splat(1.0 / 3.0)).1.share * side.sign())
             };
             lights.iter().map(of)
         };
@@ -439,11 +439,12 @@ pub fn corner_light(scene: &Scene) -> CornerLight {
 
 /// Lights that are not areas, and shine.
 fn point_like_lights(scene: &Scene) -> Vec<u32> {
-    let shines = |&k: &u32| {
-        let light = &scene.lighting.lights[k as usize];
-        light.kind != LIGHT_RECT && luminance(light.color) > 0.0
-    };
-    (0..scene.lighting.lights.len() as u32).filter(shines).collect()
+    (0..scene.lighting.lights.len() as u32)
+        .filter(|&k| {
+            let light = &scene.lighting.lights[k as usize];
+            light.kind != LIGHT_RECT && luminance(light.color) > 0.0
+        })
+        .collect()
 }
 
 /// The elements that each point-like light falls on, light by light, in the order of the triangles. Elements on which

@@ -146,8 +146,9 @@ impl IlluminationMaps {
             let like = known.and_then(|k| k.iter().find(|k| k.0.distance_squared(normal) < LIKE_NORMALS));
             like.filter(|k| k.2 > 0.0).map_or(Vec3::ZERO, |(_, sum, weight)| *sum / *weight)
         };
-        let triangle = |t: u32| sides(t).map(|(normal, _)| corners.map(|at| corner(t, normal, at)));
-        Ok((0..self.grids.len() as u32).map(triangle).collect())
+        Ok((0..self.grids.len() as u32)
+            .map(|t| sides(t).map(|(normal, _)| corners.map(|at| corner(t, normal, at))))
+            .collect())
     }
 
     /// The cells of a triangle's side: number, and corners (u, v).

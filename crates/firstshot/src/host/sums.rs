@@ -179,8 +179,7 @@ impl Sums {
     /// Counts and the error, after so many photons of each batch.
     pub fn round(&self, per_batch: u64) -> Round {
         let count = |which: u32| {
-            let slot = |slot: u32| Self::number(&self.tallies, (count_word(slot) + 2 * which) as usize);
-            (0..SLOTS).map(slot).sum()
+            (0..SLOTS).map(|slot| Self::number(&self.tallies, (count_word(slot) + 2 * which) as usize)).sum()
         };
         Round {
             photons: per_batch * u64::from(self.batches),
@@ -212,8 +211,8 @@ impl Sums {
         };
         let irradiance: Vec<Vec3> = areas.par_iter().enumerate().map(cell).collect();
         let of_slots = |which: u32| {
-            let slot = |slot: u32| self.flux_of(areas.len() + (slot * SLOT_SUMS + which) as usize);
-            (0..SLOTS).map(slot).sum::<DVec3>() * mean_flux
+            (0..SLOTS).map(|slot| self.flux_of(areas.len() + (slot * SLOT_SUMS + which) as usize)).sum::<DVec3>()
+                * mean_flux
         };
         Estimate {
             irradiance,

@@ -3,7 +3,6 @@
 use alloc::vec::Vec;
 use core::cell::Cell;
 
-use glam::Vec3;
 use scene::kernel::bvh::{FAR, closest_hit, host_occluder};
 use scene::parallel::*;
 use scene::{GeometryTables, NONE, Scene};
@@ -61,17 +60,16 @@ pub fn trace_photons<T: Send>(
     let chunk = |chunk: &[(u32, u32)]| {
         // Places on one element are often in the shadow of one thing.
         let last = Cell::new(NONE);
-        let occluded = |origin: Vec3, direction: Vec3, t_max: f32| {
-            let occluder = host_occluder(geometry, origin, direction, t_max, [last.get(), NONE]);
-            if occluder != NONE {
-                last.set(occluder);
-            }
-            occluder != NONE
-        };
         let mut own = start();
         for &(chosen, k) in chunk {
             let element = scene.elements[chosen as usize];
-            let mut photon = start_from(geometry, &scene.sources, p, element, k, occluded);
+            let mut photon = start_from(geometry, &scene.sources, p, element, k, |origin, direction, t_max| {
+                let occluder = host_occluder(geometry, origin, direction, t_max, [last.get(), NONE]);
+                if occluder != NONE {
+                    last.set(occluder);
+                }
+                occluder != NONE
+            });
             while is_under_way(&photon) {
                 let hit = closest_hit(geometry, photon.origin, photon.direction, FAR);
                 see(&mut own, &photon_hit(geometry, p, k, &photon, hit));

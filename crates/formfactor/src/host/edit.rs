@@ -140,8 +140,7 @@ impl RowEdit<'_> {
         let mut steps: Vec<Vec<Step>> = alloc::vec![Vec::new(); parts];
         let mut sky_steps = steps.clone();
         let mut gone = alloc::vec![0i64; parts];
-        let mut escaped = 0;
-        let mut traced = 0;
+        let (mut escaped, mut traced) = (0, 0);
         let p = numbered_params(self.after, kept.key, self.rays);
         let (shift_u, shift_v) = shift_of_row(kept.key.seed, kept.key.number);
         let mut aimed = Aimed::default();
@@ -171,17 +170,14 @@ impl RowEdit<'_> {
                 steps[part].push((new, 1));
             }
         }
-        let own = |part: usize| (parts * kept.row + part, &gone[part]);
-        let new_part = |(part, steps): (usize, Vec<Step>)| {
-            let (row, &gone) = own(part);
-            edited(before, row, steps, gone, |column| self.columns[column as usize])
-        };
-        let new_parts: Option<Vec<EditedRow>> = steps.into_iter().enumerate().map(new_part).collect();
-        let new_sky = |(part, steps): (usize, Vec<Step>)| edited(sky?.0, own(part).0, steps, 0, |bin| bin);
-        let sky_parts = match sky {
-            Some(_) => sky_steps.into_iter().enumerate().map(new_sky).collect(),
-            None => Some(Vec::new()),
-        };
+        let first = parts * kept.row;
+        let new_parts: Option<Vec<EditedRow>> = (first..)
+            .zip(steps.into_iter().zip(gone))
+            .map(|(row, (steps, gone))| edited(before, row, steps, gone, |column| self.columns[column as usize]))
+            .collect();
+        let sky_parts = sky.map_or(Some(Vec::new()), |(sky, _)| {
+            (first..).zip(sky_steps).map(|(row, steps)| edited(sky, row, steps, 0, |bin| bin)).collect()
+        });
         match (new_parts, sky_parts) {
             (Some(parts), Some(sky_parts)) => NewRow { parts, sky_parts, escaped, traced },
             // Where a ray and a border are equal to rounding: all rays are asked.

@@ -445,8 +445,7 @@ impl Estimator for Contour {
                 Some(receiver) => {
                     let (Some(r), Some(t)) = cut(receiver, source) else { continue };
                     let whole = contour::polygon_to_polygon(&r, &t, receiver.area);
-                    let point = |x, y| (area::polygon_point(&r, x, y), r.normal);
-                    (whole * self.visible_share(s, row, j, point)) as f32
+                    (whole * self.visible_share(s, row, j, |x, y| (area::polygon_point(&r, x, y), r.normal))) as f32
                 }
                 None => {
                     let share = self.visible_share(s, row, j, |x, _| {

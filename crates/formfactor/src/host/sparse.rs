@@ -76,12 +76,11 @@ fn collect_rows(
     Hemisphere { rays }.check(surfaces)?;
     let total = surfaces.rows();
     let patches = surfaces.patches.len() as u32;
-    let task = |own: Range<usize>| {
+    let parts = Watch::new(total, progress).tasks(0..total, |own| {
         let mut part = Part::default();
         own.for_each(|row| part.push(row_hits(row), patches));
         part
-    };
-    let parts = Watch::new(total, progress).tasks(0..total, task)?;
+    })?;
     let found: u64 = parts.iter().map(|p| p.values.len() as u64).sum();
     if found > u64::from(u32::MAX) {
         return Err(
@@ -253,8 +252,7 @@ pub fn gather_by_rays(
         let light = |(column, share): (u32, f32)| exitance.get(column as usize).map_or(Vec4::ZERO, |b| *b * share);
         hemisphere_hits(surfaces, row, &order).into_iter().map(light).sum::<Vec4>().truncate().extend(0.0)
     };
-    let task = |rows: Range<usize>| rows.map(gather).collect::<Vec<_>>();
-    Ok(Watch::new(total, progress).tasks(0..total, task)?.concat())
+    Ok(Watch::new(total, progress).tasks(0..total, |rows| rows.map(gather).collect::<Vec<_>>())?.concat())
 }
 
 /// Runs tasks of [`TASK_ROWS`] rows on all cores until `progress` says to stop.

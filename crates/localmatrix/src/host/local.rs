@@ -295,8 +295,7 @@ impl Local {
             while let Some(one) = finer.next_if(|one| !self.fetch(world, one, &mut changes, &mut wanted)) {
                 changes.waiting += one.enter.len();
             }
-            let fits = |one: &Replacement| count + one.enter.len() <= slots + one.leave.len();
-            let next = match finer.next_if(fits) {
+            let next = match finer.next_if(|one| count + one.enter.len() <= slots + one.leave.len()) {
                 Some(one) => one,
                 None => {
                     while let Some(one) = coarser.next_if(|one| !self.fetch(world, one, &mut changes, &mut wanted)) {
@@ -447,8 +446,7 @@ impl Local {
             // A ghost that comes back is there twice.
             all.dedup();
             let no_row = Row::new();
-            let row = |node: u32| &self.rows.get(&node).unwrap_or(&no_row)[..];
-            let rows = assemble(some, &all, nodes, &self.forest, row);
+            let rows = assemble(some, &all, nodes, &self.forest, |node| &self.rows.get(&node).unwrap_or(&no_row)[..]);
             let mut entering: Vec<Entering> = Vec::with_capacity(some.len());
             for (&patch, factors) in some.iter().zip(&rows) {
                 let Node { area, albedo, .. } = nodes[patch as usize];

@@ -288,8 +288,7 @@ impl LocalMatrix {
     /// [`Self::product`] of slots that are there.
     fn multiply(&self, visible: &[u32], lit: &[u32], exitance: &[Vec4], irradiance: &mut [Vec4]) {
         let slots = self.slots();
-        let plane = |c: usize| &self.state[c * slots * slots..(c + 1) * slots * slots];
-        let [red, green, blue] = [0, 1, 2].map(plane);
+        let [red, green, blue] = [0, 1, 2].map(|c| &self.state[c * slots * slots..(c + 1) * slots * slots]);
         let count = lit.len() as u32;
         let one = |&slot: &u32| gather(slot, slots as u32, count, lit, red, green, blue, &self.sqrt_area, exitance);
         let gathered: Vec<Vec4> = visible.par_iter().with_min_len(16).map(one).collect();

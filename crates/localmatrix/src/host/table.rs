@@ -185,8 +185,9 @@ fn visibility(surfaces: &[Surface], factors: &Csr) -> Vec<Visibility> {
 /// are cut.
 fn halve(surfaces: &[Surface], visibility: &[Visibility], patches: &mut [u32]) -> usize {
     let spread = |of: &dyn Fn(u32) -> Vec3| {
-        let wider = |(low, high): (Vec3, Vec3), &patch: &u32| (low.min(of(patch)), high.max(of(patch)));
-        let (low, high) = patches.iter().fold((Vec3::INFINITY, Vec3::NEG_INFINITY), wider);
+        let (low, high) = patches.iter().fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(low, high), &patch| {
+            (low.min(of(patch)), high.max(of(patch)))
+        });
         high - low
     };
     let position = spread(&|patch| surfaces[patch as usize].centre);

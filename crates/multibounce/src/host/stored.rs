@@ -41,8 +41,7 @@ struct BlockFile {
 impl BlockFile {
     fn new(folder: &Path, block: usize, count: usize) -> Result<Self, Error> {
         let bytes = (count * block * size_of::<f32>()) as u64;
-        let failed = |error| failed(folder, "make", bytes, &error);
-        let file = tempfile::tempfile_in(folder).map_err(failed)?;
+        let file = tempfile::tempfile_in(folder).map_err(|error| failed(folder, "make", bytes, &error))?;
         Ok(Self { file, folder: folder.to_path_buf(), block, bytes })
     }
 
@@ -53,13 +52,15 @@ impl BlockFile {
     }
 
     fn read(&self, index: usize, numbers: &mut [f32]) -> Result<(), Error> {
-        let read = |mut file: &File| file.read_exact(bytemuck::cast_slice_mut(numbers));
-        self.seek(index).and_then(read).map_err(|error| failed(&self.folder, "read", self.bytes, &error))
+        self.seek(index)
+            .and_then(|mut file| file.read_exact(bytemuck::cast_slice_mut(numbers)))
+            .map_err(|error| failed(&self.folder, "read", self.bytes, &error))
     }
 
     fn write(&self, index: usize, numbers: &[f32]) -> Result<(), Error> {
-        let write = |mut file: &File| file.write_all(bytemuck::cast_slice(numbers));
-        self.seek(index).and_then(write).map_err(|error| failed(&self.folder, "write", self.bytes, &error))
+        self.seek(index)
+            .and_then(|mut file| file.write_all(bytemuck::cast_slice(numbers)))
+            .map_err(|error| failed(&self.folder, "write", self.bytes, &error))
     }
 }
 

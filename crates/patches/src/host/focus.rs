@@ -184,10 +184,10 @@ impl Density {
 
     /// Area of a triangle, each part of it times its [`Density::share`], m².
     pub fn counted_area(&self, triangle: &Triangle) -> f64 {
-        let counted = |[a, b, c]: [DVec3; 3]| {
-            0.5 * (b - a).cross(c - a).length() * f64::from(self.share(((a + b + c) / 3.0).as_vec3()))
-        };
-        self.parts(corners(triangle)).into_iter().map(counted).sum()
+        self.parts(corners(triangle))
+            .into_iter()
+            .map(|[a, b, c]| 0.5 * (b - a).cross(c - a).length() * f64::from(self.share(((a + b + c) / 3.0).as_vec3())))
+            .sum()
     }
 
     /// Parts of a triangle, halved until none of them reaches over more than two levels.

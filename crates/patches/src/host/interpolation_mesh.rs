@@ -222,8 +222,7 @@ impl InterpolationMesh {
             let hit = Hit { triangle: triangle as u32, u, v, t: 1.0 };
             interpolate_receivers(&self.grids, &self.cells, &self.vertices, values, hit, front)
         };
-        let corners = |t: usize| [corner(t, 0.0, 0.0), corner(t, 1.0, 0.0), corner(t, 0.0, 1.0)];
-        Ok((0..self.grids.len()).map(corners).collect())
+        Ok((0..self.grids.len()).map(|t| [corner(t, 0.0, 0.0), corner(t, 1.0, 0.0), corner(t, 0.0, 1.0)]).collect())
     }
 }
 
@@ -289,11 +288,12 @@ fn cell_vertices(scene: &Scene, side: &Side, k: u32, divisions: u32, middle: Vec
     let third = Vec2::splat(1.0 / 3.0);
     let inwards = INWARDS / (side.divisions * divisions) as f32;
     let mut open = None;
-    let vertex = |place: Vec2| {
-        let place = place + (third - place) * inwards;
-        visible_vertex(scene, middle, side_point(scene, side.triangle, side.front, place), &mut open)
-    };
-    vertex_places(side, k, divisions).map(vertex).collect()
+    vertex_places(side, k, divisions)
+        .map(|place| {
+            let place = place + (third - place) * inwards;
+            visible_vertex(scene, middle, side_point(scene, side.triangle, side.front, place), &mut open)
+        })
+        .collect()
 }
 
 /// Moves a vertex that lies behind a wall through which its triangle passes to this side of the wall: to where the ray

@@ -161,8 +161,8 @@ impl LightmapTexels {
         self.points.extend(filled.points.into_iter().zip(first..).map(|(p, patch)| SurfacePoint { patch, ..p }));
         let atlas = Vec2::new(self.params.width as f32, self.params.height as f32);
         for part in &chart.triangles {
-            let corner = |c: Vec2| (Vec2::new(place[0] as f32, place[1] as f32) + 1.0 + c / self.texel) / atlas;
-            let [a, b, c] = part.corners.map(corner);
+            let [a, b, c] =
+                part.corners.map(|c| (Vec2::new(place[0] as f32, place[1] as f32) + 1.0 + c / self.texel) / atlas);
             self.sides[part.triangle as usize][usize::from(!part.front)] = self.uvs.len() as u32;
             self.uvs.push(TriangleUv { corner: a, corner_a: b, corner_b: c });
         }

@@ -88,8 +88,8 @@ impl<'a> LitSampler<'a> {
     ) -> Result<Self, Error> {
         let seed = seed ^ 0x7069_6c6f;
         let probe_samples = even_samples(scene, &density, probe_samples.max(MIN_PROBES), seed);
-        let counted = |sample: &Sample| f64::from(sample.area * triangle_share(scene, &density, sample));
-        let total_area = probe_samples.iter().map(counted).sum();
+        let total_area =
+            probe_samples.iter().map(|sample| f64::from(sample.area * triangle_share(scene, &density, sample))).sum();
         let probe_edge = scene::math::sqrt((total_area / probe_samples.len() as f64) as f32);
         let places: Vec<SurfacePoint> =
             (0u32..).zip(&probe_samples).map(|(k, sample)| place_of(sample, &density, k)).collect();
@@ -186,8 +186,8 @@ impl<'a> LitSampler<'a> {
     ) -> Result<Vec<bool>, Error> {
         let asked: Vec<Asked> = samples.par_iter().map(|sample| self.ask_probes(sample)).collect();
         let open: Vec<usize> = (0..samples.len()).filter(|&k| asked[k].answer.is_none()).collect();
-        let place = |&k: &usize| place_of(&samples[k], &self.density, number(k, &samples[k]));
-        let places: Vec<SurfacePoint> = open.iter().map(place).collect();
+        let places: Vec<SurfacePoint> =
+            open.iter().map(|&k| place_of(&samples[k], &self.density, number(k, &samples[k]))).collect();
         let parts = reachability_of(self.walker, self.scene, &places, WALKS, seed)?;
         let settled: Vec<bool> =
             open.par_iter().zip(parts).map(|(&k, part)| self.is_settled(&samples[k], &asked[k], part)).collect();

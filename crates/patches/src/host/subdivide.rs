@@ -113,8 +113,9 @@ fn total_cells(sides: &[Sides], divisions: &[u32]) -> u64 {
 pub fn divisions_for_count(scene: &Scene, sides: &[Sides], density: &Density, count: u32) -> Result<Vec<u32>, Error> {
     check_length("sides", scene.geometry.triangles.len(), sides.len())?;
     check_positive("count", count as f32)?;
-    let counted = |t: usize| triangle_area(scene, t) * density.triangle_share(&scene.geometry.triangles[t]);
-    let areas: Vec<f32> = (0..sides.len()).map(counted).collect();
+    let areas: Vec<f32> = (0..sides.len())
+        .map(|t| triangle_area(scene, t) * density.triangle_share(&scene.geometry.triangles[t]))
+        .collect();
     let total: f64 = areas.iter().map(|&area| f64::from(area)).sum();
     let mut low = ln(total * 1e-12);
     let mut high = ln(total * 4.0);

@@ -152,8 +152,7 @@ pub(super) fn clusters_of(sampler: &LitSampler, samples: &[Sample], wanted: &Wan
     let samples: Vec<Sample> = cut.order.iter().map(|&k| samples[k as usize]).collect();
     let members = (0..samples.len() as u32).map(|sample| Member { sample, weight: 1.0 }).collect();
     let voxels = alloc::vec![NONE; cut.patches.len() - 1];
-    let first_element = |sample: &u32| cut.elements.partition_point(|f| f < sample) as u32;
-    let patch_elements = cut.patches.iter().map(first_element).collect();
+    let patch_elements = cut.patches.iter().map(|sample| cut.elements.partition_point(|f| f < sample) as u32).collect();
     let set = PatchSet::from_groups(samples, &voxels, cut.patches, members)?;
     Ok(ViewClusters { set, elements: cut.elements, patch_elements })
 }

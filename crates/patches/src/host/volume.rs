@@ -166,10 +166,10 @@ impl VoxelVolume {
     /// [`Error::Length`] unless there are four coefficients a probe.
     pub fn at_points_sh(&self, harmonics: &[Vec4], points: &[SurfacePoint]) -> Result<Vec<Vec4>, Error> {
         check("harmonics", self.len() * SH_COEFFICIENTS as usize, harmonics)?;
-        let value = |p: &SurfacePoint| {
-            volume_lookup_sh(&self.params, &self.probes, &self.planes, harmonics, p.position, p.normal)
-        };
-        Ok(points.par_iter().map(value).collect())
+        Ok(points
+            .par_iter()
+            .map(|p| volume_lookup_sh(&self.params, &self.probes, &self.planes, harmonics, p.position, p.normal))
+            .collect())
     }
 
     /// Bytes of all tables that a lookup reads, without the values.

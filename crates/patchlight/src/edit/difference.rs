@@ -83,9 +83,8 @@ impl Keys {
         };
         let textures: Vec<u64> =
             (0..geometry.textures.len()).map(|t| hash(&|hasher| texture(t as u32).hash(hasher))).collect();
-        let of_texture = |texture: u32| textures.get(texture as usize).copied();
         let material = |m: &Material| {
-            let names = [m.albedo_texture, m.mask_texture].map(of_texture);
+            let names = [m.albedo_texture, m.mask_texture].map(|texture| textures.get(texture as usize).copied());
             let plain =
                 Material { albedo_texture: 0, mask_texture: 0, radiance_texture: 0, radiance: glam::Vec3::ZERO, ..*m };
             hash(&|hasher| (names, bytes_of(&plain)).hash(hasher))

@@ -346,8 +346,7 @@ impl SectionWriter {
             let reason = format!("{} where {} is next", section.kind.name(), kind.name());
             return Err(BakeError::OtherBeginning { path: self.beginning.display().to_string(), reason });
         }
-        let io = |error: io::Error| file_error(&self.beginning, &error);
-        let source = Mapped::of(self.file.try_clone().map_err(io)?);
+        let source = Mapped::of(self.file.try_clone().map_err(|error| file_error(&self.beginning, &error))?);
         read(&self.beginning, &source, section).map(Some)
     }
 

@@ -187,8 +187,8 @@ impl PatchMaps {
             .flat_map_iter(|triangle| [(triangle, false), (triangle, true)]);
         let elements: Vec<u32> =
             sides.flat_map_iter(|(triangle, is_back)| element_of_cells(&maps, mesh, triangle, is_back)).collect();
-        let group = |&element: &u32| if by_elements { element } else { mesh.patch_of(element) };
-        let groups = elements.iter().map(group).collect();
+        let groups =
+            elements.iter().map(|&element| if by_elements { element } else { mesh.patch_of(element) }).collect();
         let count = mesh.elements.len();
         let (cells_of_elements, cell_start) = lists(&elements, maps.areas(), count);
         let mut areas = vec![0.0f64; count];
@@ -249,11 +249,12 @@ fn lists(owners: &[u32], areas: &[f32], count: usize) -> (Vec<u32>, Vec<u32>) {
 
 /// The element in the middle of each cell of a side of a triangle.
 fn element_of_cells(maps: &IlluminationMaps, mesh: &PatchMesh, triangle: u32, is_back: bool) -> Vec<u32> {
-    let element = |(_, [a, b, c]): (u32, [Vec2; 3])| {
-        let middle = (a + b + c) / 3.0;
-        mesh.element_on_side(&Hit { triangle, u: middle.x, v: middle.y, t: 0.0 }, !is_back)
-    };
-    maps.cells(triangle, is_back).map(element).collect()
+    maps.cells(triangle, is_back)
+        .map(|(_, [a, b, c])| {
+            let middle = (a + b + c) / 3.0;
+            mesh.element_on_side(&Hit { triangle, u: middle.x, v: middle.y, t: 0.0 }, !is_back)
+        })
+        .collect()
 }
 
 /// Irradiance of a patch.
@@ -494,7 +495,6 @@ fn gather(maps: &PatchMaps, estimate: &Estimate, scene: &Scene, index: u32, poin
     let tables = scene.tables();
     let lights = scene.all_lights();
     let medium = Absorbing(scene.geometry.absorption);
-    let occluded = |origin: Vec3, direction: Vec3, t_max: f32| scene.occluded(origin, direction, t_max);
     let direct = DirectParams { area_rays: 1, sky_rays: u32::from(scene.has_sky()), seed, ..direct_params(scene) };
     let shift = (hash3(index, 0, seed), hash3(index, 1, seed));
     let origin = point.position + point.normal * scene.geometry.ray_offset;
@@ -507,7 +507,9 @@ fn gather(maps: &PatchMaps, estimate: &Estimate, scene: &Scene, index: u32, poin
         }
         let there = surface_point(&tables, hit, direction);
         let number = hash3(index, k, seed);
-        let first = direct_irradiance(&tables, &direct, number, there, &lights, medium, occluded);
+        let first = direct_irradiance(&tables, &direct, number, there, &lights, medium, |origin, direction, t_max| {
+            scene.occluded(origin, direction, t_max)
+        });
         let is_back = tables.normal(hit.triangle).dot(direction) > 0.0;
         let cell = maps.cell(hit.triangle, hit.u, hit.v, is_back);
         let more = estimate.irradiance.get(cell as usize).copied().unwrap_or(Vec3::ZERO);
@@ -575,8 +577,8 @@ impl FirstShotMethod {
                 100.0 * round.error
             ));
         }
-        let rows = || Arc::new(rows_of_elements(&bake.scene, &bake.mesh, &bake.receivers.points));
-        let receivers = are_shown(&bake.scene).then(rows);
+        let receivers =
+            are_shown(&bake.scene).then(|| Arc::new(rows_of_elements(&bake.scene, &bake.mesh, &bake.receivers.points)));
         Ok(Self { bake, shot, receivers, passes: None, stops: None, is_traced: false, start: None, host_ms: 0.0 })
     }
 

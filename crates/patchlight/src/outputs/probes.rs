@@ -171,8 +171,7 @@ impl ProbeVolume {
             )));
         }
         let sound = |v: [f32; 3]| v.iter().all(|x| x.is_finite());
-        let is_positive = |x: &f32| *x > 0.0;
-        if !(sound(d.origin) && sound(d.voxel) && d.voxel.iter().all(is_positive) && d.lift.is_finite()) {
+        if !(sound(d.origin) && sound(d.voxel) && d.voxel.iter().all(|x| *x > 0.0) && d.lift.is_finite()) {
             return Err(wrong("origin, voxel and lift must be finite numbers, and voxel positive".into()));
         }
         let voxels = d.counts.iter().map(|&n| u64::from(n)).product::<u64>();

@@ -81,11 +81,12 @@ impl Levels {
             return;
         }
         let edge = self.edge;
-        let size = |node: &Node| {
-            scene::math::sqrt(node.area) / ((node.centre.distance(eye) - node.radius).max(0.0) + 2.0 * edge)
-        };
         let merged = cut.iter().map(|&node| &nodes[node as usize]).filter(|node| node.children > 0);
-        let mut sizes: Vec<f32> = merged.map(size).collect();
+        let mut sizes: Vec<f32> = merged
+            .map(|node| {
+                scene::math::sqrt(node.area) / ((node.centre.distance(eye) - node.radius).max(0.0) + 2.0 * edge)
+            })
+            .collect();
         sizes.sort_by(f32::total_cmp);
         self.apparent_size = sizes.get(sizes.len() * 9 / 10).copied().unwrap_or(1e-6);
     }
@@ -100,8 +101,8 @@ fn lookups(nodes: &[Node], extra: &Extra) -> Result<(Lookup, Vec<Level>), Error>
     let mut coordinates: Vec<UVec3> = extra.voxels.iter().map(|&voxel| shape.coordinates(voxel)).collect();
     let mut indoors = extra.indoors.clone();
     let leaf = |k: usize| virtual_patch(&nodes[k], extra.voxels[k]);
-    let dark = |k: usize| dark_patch(extra.dark[k]);
-    let lookup = Lookup::with_dark(&shape, (own.len(), leaf), (extra.dark.len(), dark), settings)?;
+    let lookup =
+        Lookup::with_dark(&shape, (own.len(), leaf), (extra.dark.len(), |k| dark_patch(extra.dark[k])), settings)?;
     let mut levels = Vec::new();
     while nodes[own.clone()].iter().all(|node| node.parent != NO_NODE) {
         let merged = nodes[own.end..].iter().take_while(|node| own.contains(&(node.first_child as usize))).count();

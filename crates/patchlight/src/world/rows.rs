@@ -26,11 +26,12 @@ pub struct Rows<'a> {
 impl<'a> Rows<'a> {
     /// Plan for the leaves of a world.
     pub fn new(scene: &'a Scene, world: &'a Forest, settings: &WorldSettings) -> Self {
-        let patch = |leaf: usize| {
-            let node = &world.nodes[leaf];
-            Patch { centroid: node.centre, area: node.area, normal: node.normal, triangle: NONE }
-        };
-        let patches = (0..world.leaves()).map(patch).collect();
+        let patches = (0..world.leaves())
+            .map(|leaf| {
+                let node = &world.nodes[leaf];
+                Patch { centroid: node.centre, area: node.area, normal: node.normal, triangle: NONE }
+            })
+            .collect();
         Self { scene, world, rays: settings.rays, seed: settings.seed, patches }
     }
 
@@ -58,11 +59,10 @@ impl<'a> Rows<'a> {
         let range = block_range(head, block);
         let record = |(k, leaf): (usize, u32)| {
             let own = rows.factors.row_start[k] as usize..rows.factors.row_start[k + 1] as usize;
-            let entry = |e: usize| (rows.factors.column_index[e], rows.factors.values[e]);
             Record {
                 sky: rows.sky_factor[k],
                 lost: rows.lost[k],
-                factors: own.map(entry).collect(),
+                factors: own.map(|e| (rows.factors.column_index[e], rows.factors.values[e])).collect(),
                 points: self.world.points_of(leaf).to_vec(),
             }
         };
@@ -75,13 +75,12 @@ impl<'a> Rows<'a> {
         for leaf in block_range(head, block) {
             let own = self.world.points_of(leaf);
             let weight = 1.0 / own.len() as f32;
-            let point = |p: &localmatrix::LitPoint| SurfacePoint {
+            all.points.extend(own.iter().map(|p| SurfacePoint {
                 position: p.position,
                 patch: leaf,
                 normal: p.normal,
                 weight,
-            };
-            all.points.extend(own.iter().map(point));
+            }));
             all.offsets.push(all.points.len() as u32);
         }
         all

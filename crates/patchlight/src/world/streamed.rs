@@ -297,13 +297,12 @@ impl Streamed {
         let sky = constant_sky(&self.scene);
         let Self { rows, emission, frame, local, executor, .. } = self;
         let executor = executor.as_mut();
-        let describe = |node: u32| {
+        let has_nodes = frame.set_nodes(executor, local.matrix(), |node| {
             let reflected = sky * rows.store.sky()[node as usize] * rows.nodes()[node as usize].albedo;
             let emitted = emission.get(&node).copied().unwrap_or(Vec3::ZERO);
             let points = rows.points.get(&node).map_or(&[][..], Vec::as_slice);
             SlotNode { emission: (reflected + emitted).extend(0.0), points }
-        };
-        let has_nodes = frame.set_nodes(executor, local.matrix(), describe)?;
+        })?;
         frame.follow(executor, local.matrix_mut(), has_settled)?;
         if has_nodes || is_relit {
             frame.find_source(executor)?;

@@ -227,16 +227,17 @@ impl<'a> Judge<'a> {
         });
         let area = f64::from(edge * edge);
         let least = DARK_BLOCK * f64::from(luminance(self.reference.mean())) * area;
-        let error = |k: usize| {
-            let is_left_out = left_out.as_ref().is_some_and(|sums| sums[k] > 0.5);
-            if is_left_out || other[k] <= least {
-                return None;
-            }
-            let difference = own[k] - other[k];
-            let doubt = variance.as_ref().map_or(0.0, |sums| SURE * sums[k].max(0.0).sqrt());
-            Some(if difference.abs() > doubt { difference / other[k] } else { 0.0 })
-        };
-        (0..own.len()).map(error).collect()
+        (0..own.len())
+            .map(|k| {
+                let is_left_out = left_out.as_ref().is_some_and(|sums| sums[k] > 0.5);
+                if is_left_out || other[k] <= least {
+                    return None;
+                }
+                let difference = own[k] - other[k];
+                let doubt = variance.as_ref().map_or(0.0, |sums| SURE * sums[k].max(0.0).sqrt());
+                Some(if difference.abs() > doubt { difference / other[k] } else { 0.0 })
+            })
+            .collect()
     }
 
     /// Our picture in grey with leaks in red and stains in blue; to be shown without exposure. `scale` is the exposure
@@ -267,15 +268,16 @@ impl<'a> Judge<'a> {
         let rows = squares(ours.height, edge);
         // The square whose middle is nearest.
         let place = |at: u32, count: u32| at.saturating_sub(edge / 2).min(count.saturating_sub(1));
-        let colour = |k: u32| {
-            let x = place(k % ours.width, columns);
-            let y = place(k / ours.width, rows);
-            let Some(Some(error)) = errors.get((y * columns + x) as usize) else { return Vec3::splat(0.2) };
-            let x = (*error as f32 / range).clamp(-1.0, 1.0);
-            let rest = 1.0 - x.abs();
-            if x > 0.0 { Vec3::new(1.0, rest, rest) } else { Vec3::new(rest, rest, 1.0) }
-        };
-        let pixels = (0..ours.width * ours.height).map(colour).collect();
+        let pixels = (0..ours.width * ours.height)
+            .map(|k| {
+                let x = place(k % ours.width, columns);
+                let y = place(k / ours.width, rows);
+                let Some(Some(error)) = errors.get((y * columns + x) as usize) else { return Vec3::splat(0.2) };
+                let x = (*error as f32 / range).clamp(-1.0, 1.0);
+                let rest = 1.0 - x.abs();
+                if x > 0.0 { Vec3::new(1.0, rest, rest) } else { Vec3::new(rest, rest, 1.0) }
+            })
+            .collect();
         Ok(Picture::from_pixels(ours.width, ours.height, pixels)?)
     }
 }
@@ -358,6 +360,5 @@ fn square_sums(values: &[f64], (width, height): (u32, u32), edge: u32) -> Vec<f6
     // Sums along rows, then down: no differences of large sums, so that equal values give equal sums.
     let along: Vec<f64> =
         values.chunks_exact(width).flat_map(|row| row.windows(edge).map(|w| w.iter().sum::<f64>())).collect();
-    let down = |k: usize| (0..edge).map(|j| along[k + j * columns]).sum::<f64>();
-    (0..rows * columns).map(down).collect()
+    (0..rows * columns).map(|k| (0..edge).map(|j| along[k + j * columns]).sum::<f64>()).collect()
 }

@@ -94,8 +94,9 @@ impl LevelTables {
         let entries = self.entries.len() as u32;
         self.cells.extend(lookup.cells.iter().map(|cell| cell & EMPTY_CELL | ((cell & !EMPTY_CELL) + places)));
         self.offsets.extend(lookup.offsets.iter().map(|offset| offset + entries));
-        let shifted = |entry: &LookupPatch| LookupPatch { patch: entry.patch + first_value as u32, ..*entry };
-        self.entries.extend(lookup.entries.iter().map(shifted));
+        self.entries.extend(
+            lookup.entries.iter().map(|entry| LookupPatch { patch: entry.patch + first_value as u32, ..*entry }),
+        );
     }
 
     /// Number of leaves.

@@ -410,13 +410,14 @@ mod tests {
     /// Patches along a line that have form factors to their neighbours.
     fn world() -> Table {
         let random = |a: usize, c: u32| unit(hash3(a as u32, 0, c));
-        let surface = |i: usize| Surface {
-            centre: Vec3::X * i as f32,
-            normal: Vec3::Z,
-            area: 1.0,
-            albedo: Vec3::new(0.8 * random(i, 1), 0.5, 0.9 * random(i, 2)),
-        };
-        let surfaces: Vec<Surface> = (0..PATCHES).map(surface).collect();
+        let surfaces: Vec<Surface> = (0..PATCHES)
+            .map(|i| Surface {
+                centre: Vec3::X * i as f32,
+                normal: Vec3::Z,
+                area: 1.0,
+                albedo: Vec3::new(0.8 * random(i, 1), 0.5, 0.9 * random(i, 2)),
+            })
+            .collect();
         let mut starts = vec![0];
         let mut columns = Vec::new();
         let mut values = Vec::new();
@@ -452,8 +453,9 @@ mod tests {
         tables.upload(executor.as_mut()).unwrap();
         let mut moved = 0;
         let mut frame = |k: usize| {
-            let light = |i: usize| Vec4::new(unit(hash3(i as u32, 7, 1)), 1.0 + (k % 3) as f32, (i % 2) as f32, 0.0);
-            let e: Vec<Vec4> = (0..PATCHES).map(light).collect();
+            let e: Vec<Vec4> = (0..PATCHES)
+                .map(|i| Vec4::new(unit(hash3(i as u32, 7, 1)), 1.0 + (k % 3) as f32, (i % 2) as f32, 0.0))
+                .collect();
             matrix.move_camera(Vec3::X * (2.0 * k as f32));
             let found = if on_device {
                 executor.upload(source, &e).unwrap();

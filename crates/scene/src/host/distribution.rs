@@ -244,11 +244,12 @@ fn within_turn(angle: f64) -> f64 {
 
 /// Least number of equal steps of the unit interval on which all shares lie, or the most.
 fn grid_steps(shares: impl Iterator<Item = f64> + Clone, most: usize) -> usize {
-    let fits = |steps: &usize| {
-        let mut shares = shares.clone().map(|share| share * *steps as f64);
-        shares.all(|place| (place - place.round()).abs() < ON_GRID)
-    };
-    (1..most).find(fits).unwrap_or(most)
+    (1..most)
+        .find(|steps| {
+            let mut shares = shares.clone().map(|share| share * *steps as f64);
+            shares.all(|place| (place - place.round()).abs() < ON_GRID)
+        })
+        .unwrap_or(most)
 }
 
 /// Words of the distribution that a table begins with, if it is one.

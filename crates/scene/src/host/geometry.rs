@@ -104,8 +104,8 @@ impl Geometry {
         if depth > STACK_SIZE {
             return Err(too_deep);
         }
-        let masked = |t: &Triangle| materials[t.material as usize].mask_texture != NONE;
-        let wide = WideBvh::new(&nodes, &triangles, masked).ok_or(too_deep)?;
+        let wide = WideBvh::new(&nodes, &triangles, |t| materials[t.material as usize].mask_texture != NONE)
+            .ok_or(too_deep)?;
         let (low, high) = bounds(&triangles);
         let ray_offset = parts.ray_offset.unwrap_or_else(|| ray_offset(&triangles, low, high));
         Ok(Self {

@@ -132,11 +132,12 @@ mod tests {
     /// Triangles anywhere in a cube of 1 m, each with its number in `source`.
     fn triangles(count: u32) -> Vec<Triangle> {
         let place = |k: u32, d: u32| Vec3::new(unit(hash3(k, d, 0)), unit(hash3(k, d, 1)), unit(hash3(k, d, 2)));
-        let of = |k: u32| {
-            let edge = |d: u32| 0.3 * (place(k, d) - 0.5);
-            Triangle { corner: place(k, 0), edge_a: edge(1), edge_b: edge(2), source: k, ..Triangle::default() }
-        };
-        (0..count).map(of).collect()
+        (0..count)
+            .map(|k| {
+                let edge = |d: u32| 0.3 * (place(k, d) - 0.5);
+                Triangle { corner: place(k, 0), edge_a: edge(1), edge_b: edge(2), source: k, ..Triangle::default() }
+            })
+            .collect()
     }
 
     fn geometry(triangles: &[Triangle], order: &[u32], nodes: Vec<crate::gpu::BvhNode>) -> Geometry {
@@ -148,13 +149,14 @@ mod tests {
 
     /// Hits of rays from the middle of the cube: number of the triangle, shares of its edges, distance.
     fn hits(geometry: &Geometry) -> Vec<(u32, [u32; 3])> {
-        let hit = |k: u32| {
-            let direction = Vec3::new(unit(hash3(k, 0, 7)), unit(hash3(k, 1, 7)), unit(hash3(k, 2, 7))) - 0.5;
-            let Hit { triangle, u, v, t } = geometry.closest_before(Vec3::splat(0.5), direction, FAR);
-            let source = if triangle == NONE { NONE } else { geometry.triangles[triangle as usize].source };
-            (source, [u, v, t].map(f32::to_bits))
-        };
-        (0..2000).map(hit).collect()
+        (0..2000)
+            .map(|k| {
+                let direction = Vec3::new(unit(hash3(k, 0, 7)), unit(hash3(k, 1, 7)), unit(hash3(k, 2, 7))) - 0.5;
+                let Hit { triangle, u, v, t } = geometry.closest_before(Vec3::splat(0.5), direction, FAR);
+                let source = if triangle == NONE { NONE } else { geometry.triangles[triangle as usize].source };
+                (source, [u, v, t].map(f32::to_bits))
+            })
+            .collect()
     }
 
     #[test]
@@ -173,14 +175,15 @@ mod tests {
 
     /// Triangles in a row, one a metre.
     fn row(count: u32) -> Vec<Triangle> {
-        let at = |k: u32| Triangle {
-            corner: Vec3::X * k as f32,
-            edge_a: 0.5 * Vec3::X,
-            edge_b: 0.5 * Vec3::Y,
-            source: k,
-            ..Triangle::default()
-        };
-        (0..count).map(at).collect()
+        (0..count)
+            .map(|k| Triangle {
+                corner: Vec3::X * k as f32,
+                edge_a: 0.5 * Vec3::X,
+                edge_b: 0.5 * Vec3::Y,
+                source: k,
+                ..Triangle::default()
+            })
+            .collect()
     }
 
     /// Boxes that a pass of PLOC would merge: whose best partners among the next `reach` have them as theirs.

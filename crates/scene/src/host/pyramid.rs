@@ -129,13 +129,14 @@ impl Halver {
 /// Shares of `old` cells along an edge in `new` ones; the shares of each sum to 1.
 fn shares(old: u32, new: u32) -> Shares {
     let size = f64::from(old) / f64::from(new);
-    let share = |k: u32| {
-        let start = f64::from(k) * size;
-        let end = f64::from(k + 1) * size;
-        let first = start.floor() as usize;
-        let last = ((end - 1e-9).floor() as usize).min(old as usize - 1);
-        let part = |c: usize| (((c as f64 + 1.0).min(end) - (c as f64).max(start)) / size) as f32;
-        (first, (first..=last).map(part).collect())
-    };
-    (0..new).map(share).collect()
+    (0..new)
+        .map(|k| {
+            let start = f64::from(k) * size;
+            let end = f64::from(k + 1) * size;
+            let first = start.floor() as usize;
+            let last = ((end - 1e-9).floor() as usize).min(old as usize - 1);
+            let part = |c: usize| (((c as f64 + 1.0).min(end) - (c as f64).max(start)) / size) as f32;
+            (first, (first..=last).map(part).collect())
+        })
+        .collect()
 }

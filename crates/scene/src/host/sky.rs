@@ -96,12 +96,13 @@ mod tests {
     fn bins_carry_the_irradiance_of_a_map() {
         let width = 64;
         let height = 32;
-        let texel = |k: u32| {
-            let azimuth = ((k % width) as f32 + 0.5) / width as f32;
-            Vec4::splat(1.0 + 0.9 * sin_cos_2pi(azimuth).0 * if k / width < height / 2 { 1.0 } else { 0.2 })
-        };
         let sky = Sky { radiance: Vec3::ONE, map_width: width, map_height: height, ..Sky::default() };
-        let sky_map: Vec<Vec4> = (0..width * height).map(texel).collect();
+        let sky_map: Vec<Vec4> = (0..width * height)
+            .map(|k| {
+                let azimuth = ((k % width) as f32 + 0.5) / width as f32;
+                Vec4::splat(1.0 + 0.9 * sin_cos_2pi(azimuth).0 * if k / width < height / 2 { 1.0 } else { 0.2 })
+            })
+            .collect();
         let lighting = Lighting { sky, sky_map: sky_map.into(), ..Lighting::default() };
         let bins = sky_exitance(&lighting);
         // The mean of all bins in each: a wrong table, which must not pass.

@@ -80,12 +80,11 @@ impl Claims {
         let mut found = Vec::new();
         for claim in claims {
             let name = claim.claim.clone();
-            let fault = |why: String| Error::Data {
+            found.push(numbers.fill(claim).map_err(|why| Error::Data {
                 path: path.to_owned(),
                 why: format!("`{name}`: {why}"),
                 experiment: WRITTEN,
-            };
-            found.push(numbers.fill(claim).map_err(fault)?);
+            })?);
         }
         Ok(Self(found))
     }

@@ -264,11 +264,12 @@ impl Measuring<'_> {
         let high = positions().reduce(Vec3::max).unwrap_or(Vec3::ONE);
         let share = |k: usize| (k as f32 + 0.5) / POINTS_AN_EDGE as f32;
         let count = POINTS_AN_EDGE.pow(3);
-        let at = |k: usize| {
-            let cell = [k % POINTS_AN_EDGE, k / POINTS_AN_EDGE % POINTS_AN_EDGE, k / POINTS_AN_EDGE.pow(2)];
-            Point { position: low + (high - low) * Vec3::from_array(cell.map(share)), normal: Vec3::Y }
-        };
-        let all: Vec<Point> = (0..count).map(at).collect();
+        let all: Vec<Point> = (0..count)
+            .map(|k| {
+                let cell = [k % POINTS_AN_EDGE, k / POINTS_AN_EDGE % POINTS_AN_EDGE, k / POINTS_AN_EDGE.pow(2)];
+                Point { position: low + (high - low) * Vec3::from_array(cell.map(share)), normal: Vec3::Y }
+            })
+            .collect();
         let start = Instant::now();
         let set = interruptible(|| light.add_points(&all, PointKind::Irradiance, progress))?;
         let trace_s = start.elapsed().as_secs_f64();

@@ -99,12 +99,13 @@ impl Study for Leaks {
 
     fn sections(scenes: &[SceneRows<Row>]) -> Vec<Section> {
         let percent = |share: f64| format!("{:.2}", 100.0 * share);
-        let ratio = |row: &Row| row.dark_ratio.map_or_else(|| "no dark".to_owned(), |ratio| format!("{ratio:.2}"));
         let who = |row: &Row| row.who.family.clone();
         let tables = vec![
             over_scenes("Leaks, % of the pixels", scenes, who, |row| percent(row.leak_share)),
             over_scenes("Stains, % of the pixels", scenes, who, |row| percent(row.stain_share)),
-            over_scenes("Light in the dark, over that of the reference", scenes, who, ratio),
+            over_scenes("Light in the dark, over that of the reference", scenes, who, |row| {
+                row.dark_ratio.map_or_else(|| "no dark".to_owned(), |ratio| format!("{ratio:.2}"))
+            }),
         ];
         vec![Section { title: "Leaks and stains".into(), tables, ..Section::default() }]
     }

@@ -20,8 +20,7 @@ const SUN_OVER_SKY: f32 = 3.0;
 /// that is lit by emissive surfaces only gets a lamp that crosses it.
 pub fn other_lights(loaded: &LoadedScene) -> Vec<(String, Vec<Light>)> {
     let own = &loaded.scene.lighting.lights;
-    let is_sun = |light: &Light| light.kind == LIGHT_DIRECTIONAL;
-    if own.iter().any(is_sun) || (loaded.scene.has_sky() && own.is_empty()) {
+    if own.iter().any(|light| light.kind == LIGHT_DIRECTIONAL) || (loaded.scene.has_sky() && own.is_empty()) {
         return SUNS.iter().map(|&(angle, height)| other_sun(loaded, angle, height)).collect();
     }
     let animation = Animation::or_default_path(loaded);

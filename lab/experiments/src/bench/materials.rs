@@ -89,18 +89,18 @@ impl Study for Materials {
 
     fn sections(scenes: &[SceneRows<Row>]) -> Vec<Section> {
         let who = |row: &Row| row.who.method.clone();
-        let blocks = |row: &Row| format!("{:.2}", 100.0 * row.indirect.block_median_relative_error);
-        let ratio = |row: &Row| format!("{:.3}", row.indirect.mean_ratio);
-        let psnr = |row: &Row| format!("{:.2}", row.indirect.psnr_db);
-        let at_points = |row: &Row| {
-            row.points
-                .map_or_else(|| "in pixels only".to_owned(), |p| format!("{:.2}", 100.0 * p.median_relative_error))
-        };
         let tables = vec![
-            over_scenes("Median error of 8 × 8 blocks of indirect light, %", scenes, who, blocks),
-            over_scenes("Mean of indirect light over that of the reference", scenes, who, ratio),
-            over_scenes("PSNR of indirect light, dB", scenes, who, psnr),
-            over_scenes("Median error at points, %", scenes, who, at_points),
+            over_scenes("Median error of 8 × 8 blocks of indirect light, %", scenes, who, |row| {
+                format!("{:.2}", 100.0 * row.indirect.block_median_relative_error)
+            }),
+            over_scenes("Mean of indirect light over that of the reference", scenes, who, |row| {
+                format!("{:.3}", row.indirect.mean_ratio)
+            }),
+            over_scenes("PSNR of indirect light, dB", scenes, who, |row| format!("{:.2}", row.indirect.psnr_db)),
+            over_scenes("Median error at points, %", scenes, who, |row| {
+                row.points
+                    .map_or_else(|| "in pixels only".to_owned(), |p| format!("{:.2}", 100.0 * p.median_relative_error))
+            }),
         ];
         vec![Section {
             title: "Errors over materials".into(),
@@ -167,8 +167,7 @@ fn with_materials(
 
 /// All surfaces reflect this share.
 fn grey(scene: &Scene, albedo: f32) -> Result<Scene, Error> {
-    let material = |m: &Material| Material { albedo: Vec3::splat(albedo), albedo_texture: scene::NONE, ..*m };
-    with_materials(scene, material, |_| {})
+    with_materials(scene, |m| Material { albedo: Vec3::splat(albedo), albedo_texture: scene::NONE, ..*m }, |_| {})
 }
 
 /// Squares of two colours on all surfaces, by their positions along the two axes that their normal is farther from.

@@ -215,11 +215,10 @@ fn paths(view: &View, until: f64, judge: &Judge) -> Result<Vec<Row>, Error> {
     let mut passes = FIRST_LOOK;
     while seconds < until {
         let start = Instant::now();
-        let proceed = |_, _| match is_cancelled() {
+        tracer.accumulate(&view.camera, &mut sums, passes, |_, _| match is_cancelled() {
             true => std::ops::ControlFlow::Break(()),
             false => std::ops::ControlFlow::Continue(()),
-        };
-        tracer.accumulate(&view.camera, &mut sums, passes, proceed)?;
+        })?;
         cancelled()?;
         seconds += start.elapsed().as_secs_f64();
         rows.push(judge.row(seconds, &sums.indirect())?);

@@ -181,8 +181,7 @@ fn over_patches(place: &Place, loaded: &LoadedScene, count: usize) -> Result<Vec
         (bytes > MAX_BYTES).then(|| format!("matrix of {} GB", significant(1e-9 * bytes)))
     };
     let why = |method: &PatchMethod| {
-        let no_bake = || (count > MAX_PATCHES).then(|| format!("{MAX_PATCHES} at most"));
-        too_large(method).or_else(no_bake)
+        too_large(method).or_else(|| (count > MAX_PATCHES).then(|| format!("{MAX_PATCHES} at most")))
     };
     let (possible, impossible): (Vec<PatchMethod>, _) = methods.into_iter().partition(|method| why(method).is_none());
     let mut found = Vec::new();
@@ -196,8 +195,9 @@ fn over_patches(place: &Place, loaded: &LoadedScene, count: usize) -> Result<Vec
         let lightings = view.moving(lightings_of(place.args.frames()));
         found = rows(place, &mut field.with_patches(&possible)?, (Axis::Patches, value), &lightings)?;
     }
-    let missing = |method: &PatchMethod| Some(Row::missing(Axis::Patches, value, method.name, why(method)?));
-    found.extend(impossible.iter().filter_map(missing));
+    found.extend(
+        impossible.iter().filter_map(|method| Some(Row::missing(Axis::Patches, value, method.name, why(method)?))),
+    );
     Ok(found)
 }
 
@@ -288,14 +288,15 @@ fn point<'a>(rows: &'a [Row], axis: Axis, family: &str, value: u64) -> Option<&'
 fn table(rows: &[Row], axis: Axis) -> Option<Table> {
     let (families, values) = of_axis(rows, axis);
     let line = |family: &&str| {
-        let cell = |value: &u64| {
-            let text = |row: &Row| match row.milliseconds() {
-                Some(ms) => format!("{} / {}", significant(ms), significant(row.who.megabytes())),
-                None => row.missing.clone().unwrap_or_default(),
-            };
-            point(rows, axis, family, *value).map_or_else(|| "–".to_owned(), text)
-        };
-        std::iter::once((*family).to_owned()).chain(values.iter().map(cell)).collect()
+        std::iter::once((*family).to_owned())
+            .chain(values.iter().map(|value| {
+                let text = |row: &Row| match row.milliseconds() {
+                    Some(ms) => format!("{} / {}", significant(ms), significant(row.who.megabytes())),
+                    None => row.missing.clone().unwrap_or_default(),
+                };
+                point(rows, axis, family, *value).map_or_else(|| "–".to_owned(), text)
+            }))
+            .collect()
     };
     let head = std::iter::once(format!("method, over {}", axis.name())).chain(values.iter().map(u64::to_string));
     (!families.is_empty()).then(|| Table {

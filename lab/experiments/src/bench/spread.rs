@@ -267,8 +267,8 @@ fn by_parts<'a>(factors: &'a Csr, albedo: &'a [Vec4]) -> Way<'a> {
         let first = frame % FRAMES * part;
         frame += 1;
         let all = exitance(source, albedo, &light);
-        let own = |j: usize| if (first..first + part).contains(&j) { all[j] } else { Vec4::ZERO };
-        let seen: Vec<Vec4> = (0..patches).map(own).collect();
+        let seen: Vec<Vec4> =
+            (0..patches).map(|j| if (first..first + part).contains(&j) { all[j] } else { Vec4::ZERO }).collect();
         let found = product(factors, &seen)?;
         for (h, found) in light.iter_mut().zip(&found) {
             *h = *h * (1.0 - weight) + *found * (weight * FRAMES as f32);

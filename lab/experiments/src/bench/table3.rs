@@ -88,10 +88,11 @@ impl Study for Table3 {
         let pictures = names.iter().map(read).collect::<Result<Vec<_>, _>>()?;
         side_by_side(&pictures, &place.folder.join(SIDE_BY_SIDE), 0.0)?;
         let captions = std::iter::once("Indirect light, path traced".to_owned()).chain(rows.iter().map(caption));
-        let figure = |(name, caption): (&String, String)| {
-            Figure::read(&place.folder, &format!("{}.png", file_name(name)), caption)
-        };
-        let figures = names.iter().zip(captions).map(figure).collect::<Result<Vec<_>, _>>()?;
+        let figures = names
+            .iter()
+            .zip(captions)
+            .map(|(name, caption)| Figure::read(&place.folder, &format!("{}.png", file_name(name)), caption))
+            .collect::<Result<Vec<_>, _>>()?;
         let sides = if view.two_sided { "; opponents take surfaces as lit from both sides" } else { "" };
         Ok(Measured { rows, reference: Some(format!("{}{sides}", truth.source)), figures, shown: names, left_out })
     }

@@ -124,10 +124,10 @@ impl Truth {
         let paths = paths.saturating_mul(POINT_PATHS);
         let found = progress.phase("points", |_| tracer.irradiance(&truth.points, paths, &settings));
         truth.point_indirect = found.iter().map(|p| p.indirect).collect();
-        let error = |p: &reference::PointIrradiance| {
-            f64::from(luminance(p.indirect_error)) / f64::from(luminance(p.indirect).max(f32::MIN_POSITIVE))
-        };
-        let mut errors: Vec<f64> = found.iter().map(error).collect();
+        let mut errors: Vec<f64> = found
+            .iter()
+            .map(|p| f64::from(luminance(p.indirect_error)) / f64::from(luminance(p.indirect).max(f32::MIN_POSITIVE)))
+            .collect();
         let noise = 100.0 * quantile(&mut errors, 0.5);
         truth.source += &format!("; {} points of {paths} paths, standard error {noise:.2} % (median)", found.len());
         Ok(truth)

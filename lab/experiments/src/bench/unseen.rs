@@ -79,15 +79,17 @@ impl Study for Unseen {
     fn sections(scenes: &[SceneRows<Row>]) -> Vec<Section> {
         let columns: Vec<SceneRows<Row>> = scenes.iter().flat_map(by_light).collect();
         let who = |row: &Row| row.who.family.clone();
-        let blocks = |row: &Row| format!("{:.2}", 100.0 * row.indirect.block_median_relative_error);
-        let over_own = |row: &Row| format!("{:.2}", row.over_own);
-        let psnr = |row: &Row| format!("{:.2}", row.indirect.psnr_db);
-        let ratio = |row: &Row| format!("{:.3}", row.indirect.mean_ratio);
         let tables = vec![
-            over_scenes("Median error of 8 × 8 blocks of indirect light, %", &columns, who, blocks),
-            over_scenes("The same over that under the scene's own light", &columns, who, over_own),
-            over_scenes("PSNR of indirect light, dB", &columns, who, psnr),
-            over_scenes("Mean of indirect light over that of the reference", &columns, who, ratio),
+            over_scenes("Median error of 8 × 8 blocks of indirect light, %", &columns, who, |row| {
+                format!("{:.2}", 100.0 * row.indirect.block_median_relative_error)
+            }),
+            over_scenes("The same over that under the scene's own light", &columns, who, |row| {
+                format!("{:.2}", row.over_own)
+            }),
+            over_scenes("PSNR of indirect light, dB", &columns, who, |row| format!("{:.2}", row.indirect.psnr_db)),
+            over_scenes("Mean of indirect light over that of the reference", &columns, who, |row| {
+                format!("{:.3}", row.indirect.mean_ratio)
+            }),
         ];
         vec![Section { title: "Errors under other lights".into(), tables, ..Section::default() }]
     }

@@ -144,11 +144,10 @@ impl BakeWriter {
         let sum = u32::from_le_bytes([bytes[20], bytes[21], bytes[22], bytes[23]]);
         self.blocks.push((self.end, bytes.len() as u32, sum));
         self.end += bytes.len() as u64;
-        let sky = |&s: &u32| {
+        self.sky.extend(starts.iter().map(|&s| {
             let s = s as usize;
             f32::from_le_bytes([bytes[s], bytes[s + 1], bytes[s + 2], bytes[s + 3]])
-        };
-        self.sky.extend(starts.iter().map(sky));
+        }));
     }
 
     /// Identity of the baked world.
@@ -213,13 +212,11 @@ impl BakeWriter {
             return Err(BakeError::Setting { name: "block", found: u64::from(block), rule: "one that was written" });
         };
         let (bytes, starts) = read_block(&self.mapped, &self.beginning, &self.head, block, (offset, length))?;
-        let record = |start: &u32| decode_row(&bytes[*start as usize..], self.head.nodes);
-        starts.iter().map(record).collect::<Result<_, String>>().map_err(|reason| BakeError::Block {
-            path: self.beginning.display().to_string(),
-            block,
-            offset,
-            reason,
-        })
+        starts
+            .iter()
+            .map(|start| decode_row(&bytes[*start as usize..], self.head.nodes))
+            .collect::<Result<_, String>>()
+            .map_err(|reason| BakeError::Block { path: self.beginning.display().to_string(), block, offset, reason })
     }
 
     /// Adds the tail to a whole bake, and gives the file its name.

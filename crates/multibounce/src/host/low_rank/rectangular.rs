@@ -94,8 +94,8 @@ impl Source<'_> {
 
     /// Squared norm of some blocks of rows.
     fn norm(&self, blocks: &[usize]) -> Result<f64, Error> {
-        let square = |entries: &Entries| squared_norm(&dense(entries));
-        let of = |&block: &usize| Ok(self.entries(block)?.iter().map(square).sum::<f64>());
+        let of =
+            |&block: &usize| Ok(self.entries(block)?.iter().map(|entries| squared_norm(&dense(entries))).sum::<f64>());
         Ok(blocks.par_iter().map(of).collect::<Result<Vec<f64>, Error>>()?.iter().sum())
     }
 

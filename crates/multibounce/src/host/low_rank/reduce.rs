@@ -62,8 +62,7 @@ impl Costs {
 
     /// Cost of all parts of a tile.
     fn of(&self, part: &Part) -> f32 {
-        let term = |c: &Term| if c.is_short { self.short } else { self.long };
-        part.terms.iter().map(term).sum::<f32>()
+        part.terms.iter().map(|c| if c.is_short { self.short } else { self.long }).sum::<f32>()
             + self.sub_block * part.sub_blocks.len() as f32
             + self.entry * part.entries.len() as f32
     }

@@ -111,8 +111,9 @@ impl<'a> Source<'a> {
                 (Matrix::sparse(&factors, order, permuted_index)?, None)
             }
         };
-        let sqrt_area = |&i: &u32| scene::math::sqrt(area[i as usize]);
-        let weights = |block: &[u32]| Weights::new(&block.iter().map(sqrt_area).collect::<Vec<_>>());
+        let weights = |block: &[u32]| {
+            Weights::new(&block.iter().map(|&i| scene::math::sqrt(area[i as usize])).collect::<Vec<_>>())
+        };
         let weights = order.par_chunks(SIDE).map(weights).collect();
         Ok(Self { common, others, order, chroma_axes: [[1.0, 0.0], [0.0, 1.0]], weights })
     }
@@ -121,8 +122,8 @@ impl<'a> Source<'a> {
     pub fn planes(&self, at: (usize, usize)) -> Result<Vec<Mat<f32>>, Error> {
         let common = self.common.tile(self.order, at)?;
         let Some([red, blue]) = self.differences(at, &common)? else { return Ok(vec![common]) };
-        let along = |[a, b]: [f32; 2]| zip!(&red, &blue).map(|unzip!(red, blue)| a * red + b * blue);
-        let [first, second] = self.chroma_axes.map(along);
+        let [first, second] =
+            self.chroma_axes.map(|[a, b]| zip!(&red, &blue).map(|unzip!(red, blue)| a * red + b * blue));
         Ok(vec![common, first, second])
     }
 
@@ -156,8 +157,8 @@ impl<'a> Source<'a> {
     /// [`transport::Error::Value`] for numbers that are not finite, [`Error::File`].
     pub fn norms(&self, tiles: &[(usize, usize)]) -> Result<[f64; 3], Error> {
         let of = |matrix: &Matrix| -> Result<f64, Error> {
-            let square = |&at: &(usize, usize)| Ok(twice(at) * squared_norm(&matrix.tile(self.order, at)?));
-            let squares: Result<Vec<f64>, Error> = tiles.par_iter().map(square).collect();
+            let squares: Result<Vec<f64>, Error> =
+                tiles.par_iter().map(|&at| Ok(twice(at) * squared_norm(&matrix.tile(self.order, at)?))).collect();
             let norm = squares?.iter().sum::<f64>().sqrt();
             // Files are not looked through before.
             let rule = "finite";

@@ -110,11 +110,10 @@ impl Encoder for SymmetricTiles<'_> {
         // Entries for all channels are rounded alike in all of them.
         let least = self.norms.iter().copied().filter(|&x| x > 0.0).fold(f64::INFINITY, f64::min);
         let worst = (worst(&parts, self.norms).powi(2) + rows.error / (least * least)).sqrt();
-        let relative = |c: usize| {
+        let error = [0, 1, 2].map(|c| {
             let norm = self.norms[c];
             if norm > 0.0 { (squared_error(&parts, c) + rows.error).sqrt() / norm } else { 0.0 }
-        };
-        let error = [0, 1, 2].map(relative);
+        });
         Ok(Encoded { at: self.all.clone(), parts, rows, error, worst })
     }
 }
@@ -126,6 +125,5 @@ fn squared_error(parts: &[Part], channel: usize) -> f64 {
 
 /// The greatest relative error of the channels.
 fn worst(parts: &[Part], norms: [f64; 3]) -> f64 {
-    let relative = |c: usize| squared_error(parts, c).sqrt() / norms[c];
-    (0..3).filter(|&c| norms[c] > 0.0).map(relative).fold(0.0, f64::max)
+    (0..3).filter(|&c| norms[c] > 0.0).map(|c| squared_error(parts, c).sqrt() / norms[c]).fold(0.0, f64::max)
 }

@@ -62,9 +62,8 @@ impl Ordered {
     /// column, the first is column `first`.
     pub fn bounces(&self, albedo: &[f32], bounces: u32, first: usize, columns: &mut [f32], rows: usize) {
         let n = self.len();
-        let workspace = || [vec![[0.0; LANES]; n], vec![[0.0; LANES]; n]];
         columns.par_chunks_mut((LANES * rows).max(1)).enumerate().for_each_init(
-            workspace,
+            || [vec![[0.0; LANES]; n], vec![[0.0; LANES]; n]],
             |[sums, next], (chunk, out)| {
                 let first = first + chunk * LANES;
                 self.columns(first, sums);
@@ -86,9 +85,8 @@ impl Ordered {
     pub fn unscale(&self, sqrt_albedo: &[f32], is_dark: &[bool], first: usize, columns: &mut [f32], rows: usize) {
         let n = self.len();
         let dark: Vec<usize> = (0..n).filter(|&i| is_dark[i]).collect();
-        let workspace = || [vec![[0.0; LANES]; n], vec![[0.0; LANES]; n]];
         columns.par_chunks_mut((LANES * rows).max(1)).enumerate().for_each_init(
-            workspace,
+            || [vec![[0.0; LANES]; n], vec![[0.0; LANES]; n]],
             |[light, sums], (chunk, out)| {
                 if !dark.is_empty() {
                     for (lane, column) in out.chunks(rows).enumerate() {

@@ -253,8 +253,7 @@ impl Merging {
     }
 
     fn chart(&self, group: &Group, front: bool) -> Chart {
-        let flat = |p: Vec3| group.frame.flat(p) - group.low;
-        let corners = |t: u32| self.corners[t as usize].map(flat);
+        let corners = |t: u32| self.corners[t as usize].map(|p| group.frame.flat(p) - group.low);
         let triangle = |&t: &u32| ChartTriangle { triangle: t, front, corners: corners(t) };
         let size = ((group.high - group.low) / self.texel).ceil() + 2.0;
         Chart { triangles: group.triangles.iter().map(triangle).collect(), size }

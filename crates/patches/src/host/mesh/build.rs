@@ -161,8 +161,7 @@ impl PatchMesh {
         patch_elements: Vec<u32>,
     ) -> Result<Self, Error> {
         let points = ElementPoints::new(&elements);
-        let counted = |p: &VirtualPatch| f64::from(p.area) * f64::from(density.share(p.position));
-        let area: f64 = elements.patches.iter().map(counted).sum();
+        let area: f64 = elements.patches.iter().map(|p| f64::from(p.area) * f64::from(density.share(p.position))).sum();
         let cells = lookup_cells(elements.len(), patches.len());
         let grids = lookup_grids(scene, density, scene::math::sqrt((area / cells as f64) as f32))?;
         let sample_edge = scene::math::sqrt((area / elements.samples.len() as f64) as f32);
@@ -210,12 +209,13 @@ fn lookup_grids(scene: &Scene, density: &Density, edge: f32) -> Result<Vec<Trian
 
 /// Divisions of the triangles of [`lookup_grids`].
 pub(super) fn lookup_divisions(scene: &Scene, density: &Density, edge: f32) -> Vec<u32> {
-    let divisions = |triangle: usize| {
-        let edge = edge * density.triangle_edge(&scene.geometry.triangles[triangle]);
-        let along_edge = (scene.longest_edge(triangle as u32) * CELLS / edge).ceil();
-        along_edge.clamp(1.0, MAX_DIVISIONS) as u32
-    };
-    (0..scene.geometry.triangles.len()).map(divisions).collect()
+    (0..scene.geometry.triangles.len())
+        .map(|triangle| {
+            let edge = edge * density.triangle_edge(&scene.geometry.triangles[triangle]);
+            let along_edge = (scene.longest_edge(triangle as u32) * CELLS / edge).ceil();
+            along_edge.clamp(1.0, MAX_DIVISIONS) as u32
+        })
+        .collect()
 }
 
 /// Number of cells in which elements are looked up that would all be as large as an element.

@@ -187,8 +187,7 @@ fn most_similar_samples(nearest: &Nearest, samples: &[Sample], place: SurfacePla
     let SurfacePlace { position, normal } = place;
     let (few, count) = nearest.samples::<TRIED>(position, normal, MAX_DISTANCE);
     let mut found = few[..count].to_vec();
-    let is_dissimilar = |near: &Near| albedo.distance(samples[near.0 as usize].albedo) > SIMILAR_ALBEDO;
-    if count == TRIED && found.iter().all(is_dissimilar) {
+    if count == TRIED && found.iter().all(|near| albedo.distance(samples[near.0 as usize].albedo) > SIMILAR_ALBEDO) {
         let (more, count) = nearest.samples::<TRIED_DISSIMILAR>(position, normal, MAX_DISTANCE);
         found = more[..count].to_vec();
     }

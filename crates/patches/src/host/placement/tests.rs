@@ -15,8 +15,8 @@ use crate::host::lit::Walker;
 /// Receivers at random places of a square of 10 × 10 m, one a square metre, far from a scene of one triangle.
 fn square(scene: &Scene) -> ReceiverField<'_> {
     let place = |k: u32| Vec3::new(10.0 * unit(hash3(k, 1, 5)), 10.0 * unit(hash3(k, 2, 5)), 100.0);
-    let sample = |k| Sample { position: place(k), normal: Vec3::Z, area: 1.0, ..Sample::default() };
-    let samples = (0..100).map(sample).collect();
+    let samples =
+        (0..100).map(|k| Sample { position: place(k), normal: Vec3::Z, area: 1.0, ..Sample::default() }).collect();
     let set = ReceiverSamples::new(scene, Density::default(), samples, 1).unwrap();
     ReceiverField::new(ReceiverSamples { mean_area: 1.0, ..set })
 }
@@ -132,11 +132,12 @@ fn points_that_look_together_take_the_receivers_that_each_would_take() {
 #[test]
 fn a_fit_through_receivers_that_are_equally_far_stays_in_range() {
     let scene = triangle();
-    let on_arc = |k: u32| {
-        let (sin, cos) = scene::math::sin_cos_2pi(0.02 * k as f32);
-        Sample { position: Vec3::new(5.0 * cos, 5.0 * sin, 100.0), normal: Vec3::Z, area: 1.0, ..Sample::default() }
-    };
-    let samples: Vec<Sample> = (0..9).map(on_arc).collect();
+    let samples: Vec<Sample> = (0..9)
+        .map(|k| {
+            let (sin, cos) = scene::math::sin_cos_2pi(0.02 * k as f32);
+            Sample { position: Vec3::new(5.0 * cos, 5.0 * sin, 100.0), normal: Vec3::Z, area: 1.0, ..Sample::default() }
+        })
+        .collect();
     let set = ReceiverSamples::new(&scene, Density::default(), samples, 1).unwrap();
     let field = ReceiverField::new(ReceiverSamples { mean_area: 1.0, ..set });
     let point = SurfacePoint { position: Vec3::new(0.0, 0.0, 100.0), normal: Vec3::Z, ..SurfacePoint::default() };

@@ -364,8 +364,7 @@ mod tests {
 
     /// Greatest relative difference of the channels (Frobenius).
     fn difference(ours: &[Mat<f32>; 3], exact: &[Mat<f32>; 3]) -> f32 {
-        let one = |(a, b): (&Mat<f32>, &Mat<f32>)| (a - b).norm_l2() / b.norm_l2();
-        ours.iter().zip(exact).map(one).fold(0.0, f32::max)
+        ours.iter().zip(exact).map(|(a, b)| (a - b).norm_l2() / b.norm_l2()).fold(0.0, f32::max)
     }
 
     fn channel(albedo: &[Vec4], c: usize) -> Vec<f32> {

@@ -51,8 +51,7 @@ pub fn bands((width, height): (u32, u32), range: u64) -> Vec<Band> {
     }
     let margins = reach(width).saturating_mul(2).saturating_add(STEP);
     let most = (shown.saturating_sub(margins) / STEP * STEP).max(STEP);
-    let band = |first: u32| Band { first, count: most.min(pixels - first) };
-    (0..pixels).step_by(most as usize).map(band).collect()
+    (0..pixels).step_by(most as usize).map(|first| Band { first, count: most.min(pixels - first) }).collect()
 }
 
 #[cfg(test)]

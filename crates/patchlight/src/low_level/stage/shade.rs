@@ -308,8 +308,8 @@ fn add_sub_frame(
             }
         }
     }
-    let add = |&band| add_band(plan, scene, shade, indirect, band);
-    let bands = shade.bands.iter().map(add).collect::<Result<_, _>>()?;
+    let bands =
+        shade.bands.iter().map(|&band| add_band(plan, scene, shade, indirect, band)).collect::<Result<_, _>>()?;
     let passes = plan.all_passes().split_off(first);
     Ok(SubFrame { primary, albedo, bands, passes })
 }

@@ -226,12 +226,11 @@ impl<'a> Parts<'a> {
             Decoder::Texture { edge } => (1, (edge / BLOCK) as usize, u64::MAX),
             Decoder::Kernel => (row_step(self.row_bytes as u64), usize::MAX, self.range),
         };
-        let fits = |first: usize, end: usize| {
+        row_blocks(self.matrix.block_count(), step, |first, end| {
             let span = self.outliers(first, end);
             let is_short = end - first <= most_rows && ((end - first) * self.row_bytes) as u64 <= most_bytes;
             is_short && (span.end - span.aligned) * OUTLIER_BYTES <= self.range
-        };
-        row_blocks(self.matrix.block_count(), step, fits)
+        })
     }
 
     fn outliers(&self, first_row: usize, end_row: usize) -> OutlierSpan {

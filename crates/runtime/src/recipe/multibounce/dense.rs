@@ -108,9 +108,8 @@ impl DenseTables {
             Factors::Half(_) => size_of::<UVec2>(),
         };
         let row_bytes = (self.vectors * vector_bytes) as u64;
-        let fits = |first: usize, end: usize| (end - first) as u64 * row_bytes <= range;
         let exitance = self.planes;
-        for rows in row_blocks(self.rows, row_step(row_bytes), fits) {
+        for rows in row_blocks(self.rows, row_step(row_bytes), |first, end| (end - first) as u64 * row_bytes <= range) {
             let push = GatherParams {
                 rows: rows.len() as u32,
                 vectors: self.vectors as u32,

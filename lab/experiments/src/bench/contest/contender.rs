@@ -142,8 +142,7 @@ impl Contender for OwnPatches<'_> {
     }
 
     fn frame(&mut self, lighting: &Lighting, _: u32) -> Result<FrameTime, Error> {
-        let advance = || Ok(interruptible(|| self.renderer.advance(lighting, &self.view.camera))?);
-        let (passes, update) = Time::of(advance)?;
+        let (passes, update) = Time::of(|| Ok(interruptible(|| self.renderer.advance(lighting, &self.view.camera))?))?;
         Ok(FrameTime { update, lookup: None, method_ms: Some(pass_ms(&passes, METHOD)) })
     }
 
@@ -461,8 +460,8 @@ impl<'a> Paths<'a> {
         // A few paths do not pay for learning where the sun matters.
         let settings = PathSettings { seed, strategy: Strategy::ShadowRays, ..PathSettings::default() };
         let mut sums = Accumulation::new(&self.view.camera, settings);
-        let ignore_progress = |_, _| ControlFlow::Continue(());
-        PathTracer::new(&self.scene).accumulate(&self.view.camera, &mut sums, self.samples, ignore_progress)?;
+        PathTracer::new(&self.scene)
+            .accumulate(&self.view.camera, &mut sums, self.samples, |_, _| ControlFlow::Continue(()))?;
         let indirect = sums.indirect();
         match &self.denoiser {
             Some(denoiser) => denoiser.denoise(&indirect, self.samples),

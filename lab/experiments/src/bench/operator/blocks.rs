@@ -136,8 +136,9 @@ pub(super) fn table(rows: &[Row]) -> Option<Table> {
         let power = |x: Option<f64>| x.map(|x| format!("{x:.2e}")).unwrap_or_default();
         let ratio = |order: &str| Some(mse(order)? / mse("projected")?);
         let time = |method: &str| {
-            let same = |other: &&Row| other.method == method && other.patch_set() == row.patch_set();
-            rows.iter().find(same).map(|other| other.median_ms)
+            rows.iter()
+                .find(|other| other.method == method && other.patch_set() == row.patch_set())
+                .map(|other| other.median_ms)
         };
         let mut cells = vec![row.scene.clone(), format!("{} {}", row.patches, row.kind), row.method.to_owned()];
         cells.push(format!("{:.1}", 100.0 * blocks.bytes_share));

@@ -61,17 +61,18 @@ pub(super) fn overlapping(study: &Study) -> Result<Outcome, Error> {
         }
     }
     let last = study.counts.last().map_or(0, |_| rows[rows.len() - 1].patches);
-    let series = |overlap: f32| {
-        let of = rows.iter().filter(|row| row.patches == last && row.clusters > 1 && row.overlap == overlap);
-        let points = of.map(|row| (row.clusters as f64, 100.0 * row.greatest_step)).collect();
-        Series { name: format!("overlap {overlap}"), points }
-    };
     let plot = Plot {
         title: "Steps of the light where clusters meet".into(),
         unit: "%, 95th percentile".into(),
         x: "clusters".into(),
         logarithmic: false,
-        series: OVERLAPS.map(series).into(),
+        series: OVERLAPS
+            .map(|overlap| {
+                let of = rows.iter().filter(|row| row.patches == last && row.clusters > 1 && row.overlap == overlap);
+                let points = of.map(|row| (row.clusters as f64, 100.0 * row.greatest_step)).collect();
+                Series { name: format!("overlap {overlap}"), points }
+            })
+            .into(),
     };
     Ok(Outcome {
         rows: serde_json::to_value(&rows).unwrap_or_default(),
@@ -179,9 +180,10 @@ fn steps(subject: &Subject, whole: &[Vec4], found: &[Vec4], part_of: &[usize]) -
     let mut all: Vec<f64> = (0..patches.len())
         .filter_map(|i| {
             let reach = NEAR * subject.factors.area[i].sqrt();
-            let is_like = |&j: &usize| part_of[j] != part_of[i] && patches[j].normal.dot(patches[i].normal) > ALIKE;
             let away = |j: usize| patches[j].centroid.distance(patches[i].centroid);
-            let nearest = (0..patches.len()).filter(is_like).min_by(|&a, &b| away(a).total_cmp(&away(b)))?;
+            let nearest = (0..patches.len())
+                .filter(|&j| part_of[j] != part_of[i] && patches[j].normal.dot(patches[i].normal) > ALIKE)
+                .min_by(|&a, &b| away(a).total_cmp(&away(b)))?;
             if away(nearest) > reach {
                 return None;
             }

@@ -239,8 +239,7 @@ impl<'a> Flight<'a> {
 
     /// Patches in the matrices that send some of this light.
     pub fn lit(&self, light: &[Vec4]) -> Vec<u32> {
-        let sends = |patch: &u32| light[*patch as usize].truncate() != Vec3::ZERO;
-        self.there.iter().copied().filter(sends).collect()
+        self.there.iter().copied().filter(|patch| light[*patch as usize].truncate() != Vec3::ZERO).collect()
     }
 
     /// By the printed matrix, and by ours.

@@ -67,8 +67,7 @@ impl Subject {
 
     /// Form factors of each patch.
     pub fn rows(&self) -> Vec<Vec<(u32, f32)>> {
-        let row = |i: usize| self.factors.factors.row(i).map(|(j, f)| (j as u32, f)).collect();
-        (0..self.len()).map(row).collect()
+        (0..self.len()).map(|i| self.factors.factors.row(i).map(|(j, f)| (j as u32, f)).collect()).collect()
     }
 
     /// Some patches as they enter a local matrix, with the form factors of all.
@@ -355,14 +354,15 @@ pub(super) fn bounces(study: &Study) -> Result<Outcome, Error> {
     let light = &subject.light;
     let ms = [product_ms(&dense, light)?, product_ms(&factors.factors, light)?];
     let [matrix_ms, bc1_ms] = [product_ms(&matrix, light)?, product_ms(&bc1, light)?];
-    let line = |bounces: u32| Bounce {
-        bounces,
-        dense_ms: f64::from(bounces) * ms[0],
-        sparse_ms: f64::from(bounces) * ms[1],
-        matrix_ms,
-        bc1_ms,
-    };
-    let found: Vec<Bounce> = (1..=MAX_BOUNCES).map(line).collect();
+    let found: Vec<Bounce> = (1..=MAX_BOUNCES)
+        .map(|bounces| Bounce {
+            bounces,
+            dense_ms: f64::from(bounces) * ms[0],
+            sparse_ms: f64::from(bounces) * ms[1],
+            matrix_ms,
+            bc1_ms,
+        })
+        .collect();
     let cells = |row: &Bounce| {
         std::iter::once(row.bounces.to_string())
             .chain([row.dense_ms, row.sparse_ms, row.matrix_ms, row.bc1_ms].map(significant))
@@ -460,8 +460,8 @@ pub(super) fn bytes(study: &Study) -> Result<Outcome, Error> {
             ("matrix, BC7", Codec::Blocks(BlockCodec::Bc7)),
             ("matrix, tiles of 1 % error", Codec::LowRank { epsilon: 0.01 }),
         ] {
-            let encode = || Ok(PatchOperator::encode(codec, channels, factors, study.common.seed, study.progress)?);
-            let (operator, seconds) = timed(encode)?;
+            let (operator, seconds) =
+                timed(|| Ok(PatchOperator::encode(codec, channels, factors, study.common.seed, study.progress)?))?;
             found.push(size(what, operator.bytes(), Some(made_s + seconds)));
         }
     }

@@ -78,13 +78,7 @@ fn measure(study: &Study, kind: PatchKind) -> Result<Outcome, Error> {
         let shown = PictureSettings::default().with_size(truth.size()).with_sub_frames(args.sub_frames);
         let mut renderer = load(common, &bake, &light, &shown, progress)?;
         let frame = interruptible(|| renderer.picture(&loaded.scene.lighting, &camera, 0))?;
-        let factors = &bake.form_factors().factors;
-        let sum = |i: usize| {
-            factors.row(i).map(|(_, f)| f).sum::<f32>() + bake.form_factors().sky_factor.get(i).unwrap_or(&0.0)
-        };
-        // Rows of elements are not patches'.
-        let is_of_patches = bake.form_factors().element_rows.is_none();
-        let row_sums = is_of_patches.then(|| extremes((0..bake.mesh().patches.len()).map(sum)));
+        let row_sums = row_sums(&bake);
         let mut row = row(what, &frame.pictures.indirect, &truth)?;
         (row.patches, row.factor_bytes, row.row_sums) =
             (bake.mesh().patches.len(), Some(bake.form_factors().factor_bytes()), row_sums);
@@ -110,6 +104,14 @@ fn measure(study: &Study, kind: PatchKind) -> Result<Outcome, Error> {
     })
 }
 
+/// Extremes of the sums of the patches' form factors, the sky's included.
+fn row_sums(bake: &Bake) -> Option<(f32, f32)> {
+    let patchlight::FormFactors { factors, sky_factor, element_rows, .. } = bake.form_factors();
+    let sum = |i: usize| factors.row(i).map(|(_, f)| f).sum::<f32>() + sky_factor.get(i).unwrap_or(&0.0);
+    // Rows of elements are not patches'.
+    element_rows.is_none().then(|| extremes((0..bake.mesh().patches.len()).map(sum)))
+}
+
 /// Light by the patches, form factors and sums of the thesis.
 fn as_printed(study: &Study, kind: PatchKind, truth: &Truth) -> Result<(Row, Picture), Error> {
     const NAME: &str = "as printed";
@@ -127,11 +129,12 @@ fn as_printed(study: &Study, kind: PatchKind, truth: &Truth) -> Result<(Row, Pic
     let irradiance = printed.irradiance(BakeSettings::default().sample_rays, BOUNCES)?;
     let camera = loaded.view.camera(truth.size().0, truth.size().1);
     let picture = printed.indirect(&irradiance, &camera, args.sub_frames)?;
-    let sum = |i: usize| printed.factors.row(i).iter().sum::<f32>() + printed.sky[i];
     let found = Row {
         patches: printed.set.len(),
         factor_bytes: Some(size_of_val(&printed.factors.values[..]) as u64),
-        row_sums: Some(extremes((0..printed.set.len()).map(sum))),
+        row_sums: Some(extremes(
+            (0..printed.set.len()).map(|i| printed.factors.row(i).iter().sum::<f32>() + printed.sky[i]),
+        )),
         ..row(NAME, &picture, truth)?
     };
     Ok((found, picture))
