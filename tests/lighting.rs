@@ -14,7 +14,7 @@ use patchlight::method::{FeedbackSettings, TemporalSettings};
 use patchlight::{Bake, MethodSettings, PictureRenderer, Pictures, ReceiverUpdate, SampleLight};
 use runtime::cpu::Cpu;
 use runtime::executor::Executor;
-use scene::{Camera, Lighting};
+use scene::{Camera, DisplayTransform, Lighting, Tone};
 
 const SIZE: (u32, u32) = (32, 24);
 
@@ -299,7 +299,7 @@ fn shown_pictures_from_one_camera_are_those_of_new_renderers() {
     });
     for executor in executors.into_iter().flatten() {
         let shown = |renderer: &mut PictureRenderer, lighting: &Lighting, camera: &Camera| -> Vec<u32> {
-            renderer.display(lighting, camera, 0, 1.0).unwrap();
+            renderer.display(lighting, camera, 0, &DisplayTransform::clipped(1.0)).unwrap();
             let buffer = renderer.displayed();
             renderer.light_mut().executor_mut().download_table(buffer).unwrap()
         };
@@ -317,6 +317,19 @@ fn shown_pictures_from_one_camera_are_those_of_new_renderers() {
         renderer.picture(&bright, &other, 3).unwrap();
         assert_eq!(shown(&mut renderer, &dim, &own), afresh(&dim, &own));
         assert_eq!(shown(&mut renderer, &bright, &own), afresh(&bright, &own));
+        // Exposure and tone curve are those of the picture itself.
+        let picture = renderer.picture(&bright, &own, 0).unwrap().pictures.full;
+        let automatic = DisplayTransform { stops: picture.automatic_stops(), tone: Tone::Agx };
+        renderer.display(&bright, &own, 0, &DisplayTransform::clipped(3.0)).unwrap();
+        let stops = renderer.automatic_stops().unwrap();
+        assert!((stops - automatic.stops).abs() < 1e-3, "{stops} beside {}", automatic.stops);
+        renderer.display(&bright, &own, 0, &automatic).unwrap();
+        let buffer = renderer.displayed();
+        let codes: Vec<u32> = renderer.light_mut().executor_mut().download_table(buffer).unwrap();
+        let expected = picture.shown_bytes(&automatic);
+        let differ = codes.iter().zip(expected.chunks(3)).filter(|(code, bytes)| code.to_le_bytes()[..3] != **bytes);
+        let count = differ.count();
+        assert!(count * 100 < codes.len(), "{count} of {} pixels", codes.len());
         // What is seen has another albedo.
         let painted: Vec<Option<Vec3>> = loaded.scene.materials.iter().map(|_| Some(Vec3::splat(0.3))).collect();
         let mut other = setup.load(&loaded, &bake, Box::new(Cpu::new())).unwrap();

@@ -13,7 +13,7 @@ use patchlight::{
 use runtime::executor::Executor;
 use scene::gpu::{LIGHT_DIRECTIONAL, LIGHT_POINT, LIGHT_SPOT};
 use scene::sampling::{hash3, unit};
-use scene::{Camera, Light, Lighting};
+use scene::{Camera, DisplayTransform, Light, Lighting};
 
 use crate::setup::Setup;
 
@@ -249,7 +249,7 @@ impl<'a> Frames<'a> {
             self.renderer.update_light(&self.lighting, &self.camera)?;
         }
         if self.random(21) < 0.2 {
-            self.renderer.display(&self.lighting, &self.camera, self.frame, 0.0)?;
+            self.renderer.display(&self.lighting, &self.camera, self.frame, &DisplayTransform::default())?;
         }
         Ok(self.renderer.picture(&self.lighting, &self.camera, self.frame)?.pictures)
     }

@@ -15,7 +15,7 @@ use formfactor::{GatherParams, HemisphereParams, HitsParams, ReceiverCell, Trian
 use glam::{Vec2, Vec3, Vec4};
 use gpu_kernels::host::{HostBinding, HostCall, HostError};
 use gpu_kernels::params::{
-    CountParams, FollowParams, MediumDirectParams, MediumLargeParams, PixelParams, ToneMapParams,
+    CountParams, FollowParams, MediumDirectParams, MediumLargeParams, MeterParams, PixelParams, ToneMapParams,
 };
 use gpu_kernels::table::{Access, ImageFormat, Kernel};
 use gpu_kernels::table::{
@@ -266,8 +266,10 @@ pub fn small_scene() -> Scene {
         );
     }
     let mut corner = || Vec2::new(3.0 * r.unit() - 1.0, 3.0 * r.unit() - 1.0);
-    let uvs =
-        triangles.iter().map(|_| TriangleUv { corner: corner(), corner_a: corner(), corner_b: corner() }).collect();
+    let uvs = triangles
+        .iter()
+        .map(|_| TriangleUv { corner: corner(), corner_a: corner(), corner_b: corner(), ..TriangleUv::default() })
+        .collect();
     let textures = vec![
         Texture { offset: 0, width: 8, height: 4, levels: 4 },
         Texture { offset: 32 + 8 + 2 + 1, width: 5, height: 7, levels: 3 },
@@ -698,8 +700,12 @@ fn own_tables(r: &mut Random, name: &str, scene: &Scene) -> (u32, Vec<u8>, Table
             }
         }
         "scene_tone_map" => {
-            let p = ToneMapParams { count: 300, scale: 1.7 };
+            let p = ToneMapParams { count: 300, scale: 1.7, tone: r.below(3), reserved: 0 };
             call(300, p, vec![buffer("sum", &r.colors(300)), room::<u32>("pixels", 300)])
+        }
+        "scene_meter" => {
+            let p = MeterParams { count: 5, pixels: 300, run: 70, reserved: 0 };
+            call(5, p, vec![buffer("sum", &r.colors(300)), room::<f32>("means", 5)])
         }
         "formfactor_hemisphere_hits" | "formfactor_hemisphere_surfaces" => {
             let (grids, patch_count) = grids(r, scene, cell_count);

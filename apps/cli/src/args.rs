@@ -6,7 +6,8 @@ use clap::{Args, ValueEnum};
 use shell::args::common::{Animate, CameraPath, parse_size};
 use shell::args::definition::RESEARCH;
 use shell::args::{
-    BakeOptions, BuildPlace, Decoding, LocalArgs, Method, MethodOptions, OperatorSettings, TemporalOptions,
+    BakeOptions, BuildPlace, Decoding, DisplayOptions, LocalArgs, Method, MethodOptions, OperatorSettings,
+    TemporalOptions,
 };
 
 /// Method for direct light of sky, rectangles and emissive triangles at pixels.
@@ -67,6 +68,8 @@ pub struct Render {
     /// Sub-frames (classic) or paths (path) a pixel [default: 16 and 64].
     #[arg(long, value_parser = clap::value_parser!(u32).range(1..=1_000_000), help_heading = "Picture")]
     pub spp: Option<u32>,
+    #[command(flatten)]
+    pub display: DisplayOptions,
     #[command(flatten)]
     pub bake: BakeOptions,
     #[command(flatten)]

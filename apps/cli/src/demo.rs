@@ -26,7 +26,7 @@ use patchlight::{
 use runtime::executor::DeviceChoice;
 use runtime::graph::{Graph, Stage};
 use shell::Error;
-use shell::args::Common;
+use shell::args::{Common, DisplaySettings};
 use shell::device::open;
 use shell::errors::picture_errors;
 use shell::opened::build;
@@ -335,6 +335,7 @@ impl Show<'_> {
         let is_first = method.settings == MethodSettings::Classic;
         let mut times = Times::new();
         let mut pictures = Vec::new();
+        let mut shown = None;
         for frame in 0..effort.frames {
             let (lights, view) = self.at(frame);
             let lighting = with_lights(&self.loaded.scene, &lights);
@@ -344,7 +345,9 @@ impl Show<'_> {
                 let done = progress.timed("frame", || renderer.picture(&lighting, &camera, frame))?;
                 if is_first {
                     let path = self.out.join(frame_file(frame));
-                    done.pictures.full.write_png(&path, self.loaded.exposure_stops)?;
+                    let transform =
+                        shown.get_or_insert_with(|| DisplaySettings::of(self.loaded).transform(&done.pictures.full));
+                    done.pictures.full.write_shown(&path, transform)?;
                     if frame == 0 {
                         progress.note(&format!("first picture: {}", path.display()));
                     }
@@ -422,7 +425,7 @@ impl Show<'_> {
                 effort.size.0,
                 effort.size.1
             )],
-            comparisons: comparisons(out, runs, checked.last(), loaded.exposure_stops)?,
+            comparisons: comparisons(out, runs, checked.last(), &DisplaySettings::of(loaded))?,
             figures: differences(out, runs, checked.last())?,
             strip,
             tables: vec![
@@ -488,12 +491,18 @@ impl Run {
 }
 
 /// Pictures of all and of indirect light over those that are path traced.
-fn comparisons(out: &Path, runs: &[Run], checked: Option<&Checked>, stops: f32) -> Result<Vec<Comparison>, Error> {
+fn comparisons(
+    out: &Path,
+    runs: &[Run],
+    checked: Option<&Checked>,
+    shown: &DisplaySettings,
+) -> Result<Vec<Comparison>, Error> {
     let Some(Checked { frame, traced }) = checked else { return Ok(Vec::new()) };
-    write_pictures(&out.join("path"), traced, stops)?;
+    let transform = shown.transform(&traced.full);
+    write_pictures(&out.join("path"), traced, &transform)?;
     for (method, run) in METHODS.iter().zip(runs) {
         if let Some(ours) = run.last() {
-            write_pictures(&out.join(method.name), ours, stops)?;
+            write_pictures(&out.join(method.name), ours, &transform)?;
         }
     }
     let compare = |file: &str, light: &str| -> Result<Comparison, Error> {

@@ -7,7 +7,7 @@ use std::sync::Arc;
 use glam::Vec3;
 use reference::metrics::{compare_pictures, compare_points, difference_picture, indirect_scale, point_errors};
 use reference::path::{PathSettings, PathTracer};
-use reference::{BlockErrors, PictureFile as _, ReferenceData, stops_to_scale};
+use reference::{BlockErrors, DisplayTransform, PictureFile as _, ReferenceData, stops_to_scale};
 
 use super::args::{DirectLight, Render};
 use crate::photons;
@@ -28,7 +28,7 @@ use runtime::graph::Graph;
 use runtime::recipe::multibounce::Decoder;
 use scene::{Camera, Lighting};
 use shell::Error;
-use shell::args::{Bounces, Common, Method};
+use shell::args::{Bounces, Common, DisplaySettings, Method};
 use shell::device::open;
 use shell::opened::{Opened, best_method, build, open_device};
 use shell::output;
@@ -65,7 +65,8 @@ const BAKE_PHASES: [&str; 12] = [
 /// `render` of a scene.
 pub fn run(common: &Common, args: &mut Render) -> Result<(), Error> {
     let progress = begin(common, args)?;
-    let loaded = output::import_within(&args.scene, args.operators.memory_limit, &progress)?;
+    let mut loaded = output::import_within(&args.scene, args.operators.memory_limit, &progress)?;
+    loaded.scene = args.display.with_normals(loaded.scene, args.reference.is_some());
     if !args.is_method_given && loaded.scene.has_medium() {
         args.method = Method::Firstshot;
     }
@@ -88,7 +89,10 @@ pub fn run_bake(common: &Common, args: &mut Render) -> Result<(), Error> {
         asked.check_medium(opened.bake.scene())?;
     }
     let method = opened.method(path, args.method, asked, &args.operators)?;
-    let Opened { loaded, bake, .. } = opened;
+    let Opened { mut loaded, bake, .. } = opened;
+    let scene = args.display.with_normals(bake.scene().clone(), args.reference.is_some());
+    loaded.scene = scene.clone();
+    let bake = bake.with_scene(scene);
     render(common, args, &Subject { loaded, bake: Some(Arc::new(bake)), method, seed }, &progress)
 }
 
@@ -140,7 +144,8 @@ fn render(common: &Common, args: &Render, subject: &Subject, progress: &Progress
         seed: subject.seed,
         ..Summary::default()
     };
-    let job = Job { common, args, subject, loaded, size, out: &out, data: data.as_ref(), progress };
+    let shown = args.display.shown(loaded);
+    let job = Job { common, args, subject, loaded, size, out: &out, data: data.as_ref(), shown, progress };
     let done = match args.method {
         Method::Path => job.path_frames(&mut summary)?,
         _ => job.radiosity_frames(&mut summary)?,
@@ -170,6 +175,8 @@ struct Job<'a> {
     out: &'a Path,
     /// Pictures to compare with.
     data: Option<&'a ReferenceData>,
+    /// Way of pictures to PNG files.
+    shown: DisplaySettings,
     progress: &'a Progress,
 }
 
@@ -201,13 +208,15 @@ impl Job<'_> {
         }
         let movement = self.movement();
         let mut last = None;
+        let mut shown = None;
         for frame in 0..args.frames {
             let (lights, view) = movement.at(frame);
             scene.set_lights(&lights);
             let camera = view.camera(self.size.0, self.size.1);
             let spp = args.spp.unwrap_or(64);
             let traced = path::render(&scene, &camera, settings, spp, saved.as_deref(), args.resume, progress)?;
-            self.write_frame(frame, &traced.pictures)?;
+            let transform = shown.get_or_insert_with(|| self.shown.transform(&traced.pictures.full));
+            self.write_frame(frame, &traced.pictures, transform)?;
             print_noise(progress, "full", traced.full_errors);
             print_noise(progress, "indirect", traced.indirect_errors);
             last = Some(traced.pictures);
@@ -385,6 +394,8 @@ impl Job<'_> {
         let mut updates = Vec::new();
         let mut last = None;
         let mut begun = None;
+        // All frames have the exposure of the first: it would flicker.
+        let mut shown = None;
         for number in 0..args.frames {
             let (lighting, camera) = self.shot(&movement, number);
             let done = progress.timed("frame", || {
@@ -404,7 +415,8 @@ impl Job<'_> {
                 let next = progress.timed("frame", || renderer.begin_picture(&lighting, &camera, number + 1))?;
                 begun = Some(next);
             }
-            self.write_frame(number, &done.pictures)?;
+            let transform = shown.get_or_insert_with(|| self.shown.transform(&done.pictures.full));
+            self.write_frame(number, &done.pictures, transform)?;
             if args.debug && number + 1 == args.frames {
                 let pictures = renderer.light_mut().debug_pictures(&camera, loaded.exposure_stops)?;
                 output::write_debug(&out.join("debug"), &pictures)?;
@@ -439,11 +451,11 @@ impl Job<'_> {
     }
 
     /// Checks a frame, and writes one of several as a picture.
-    fn write_frame(&self, number: u32, pictures: &Pictures) -> Result<(), Error> {
+    fn write_frame(&self, number: u32, pictures: &Pictures, transform: &DisplayTransform) -> Result<(), Error> {
         output::check_finite(number, &pictures.full)?;
         if self.args.frames > 1 {
             let path = self.out.join(format!("frame-{number:04}.png"));
-            pictures.full.write_png(&path, self.loaded.exposure_stops)?;
+            pictures.full.write_shown(&path, transform)?;
         }
         Ok(())
     }
@@ -452,7 +464,7 @@ impl Job<'_> {
     fn write_pictures(&self, done: &Rendered, summary: &mut Summary) -> Result<(), Error> {
         let stops = self.loaded.exposure_stops;
         if self.args.frames == 1 {
-            output::write_pictures(self.out, &done.pictures, stops)?;
+            output::write_pictures(self.out, &done.pictures, &self.shown.transform(&done.pictures.full))?;
         }
         let Some(data) = self.data else { return Ok(()) };
         if let (true, Some(indirect)) = (self.args.debug, &data.indirect) {

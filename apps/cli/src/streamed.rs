@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use localmatrix::{BakeFile, LocalSettings};
-use reference::PictureFile as _;
+use reference::{DisplayTransform, PictureFile as _};
 use serde::Serialize;
 
 use super::args::Render;
@@ -14,7 +14,7 @@ use patchlight::memory::{peak_memory_bytes, resident_bytes};
 use patchlight::world::{StreamFrame, StreamSettings, Streamed, scene_of};
 use runtime::executor::DeviceChoice;
 use shell::Error;
-use shell::args::{Common, Method};
+use shell::args::{Common, DisplaySettings, Method};
 use shell::device::open;
 use shell::output;
 use shell::progress::{Progress, interruptible, is_cancelled};
@@ -84,6 +84,7 @@ pub fn run(common: &Common, args: &Render) -> Result<(), Error> {
     let geometry = resident_bytes().unwrap_or(0).saturating_sub(before);
     let movement = Movement::new(&loaded, (args.animate, args.path), args.frames, &progress);
     let stops = loaded.exposure_stops;
+    let shown = args.display.shown(&loaded);
     let settings = stream_settings(args, stops);
     let name = loaded.name.clone();
     let (executor, note) = open(&DeviceChoice::parse(&common.device))?;
@@ -96,8 +97,17 @@ pub fn run(common: &Common, args: &Render) -> Result<(), Error> {
     })?;
     let out = output::folder_or(&common.out, &format!("{name}-local"));
     output::make_folder(&out)?;
-    let mut flight =
-        Flight { streamed, movement, settings, stops, out: &out, progress: &progress, told: HashSet::new() };
+    let mut flight = Flight {
+        streamed,
+        movement,
+        settings,
+        stops,
+        shown,
+        transform: None,
+        out: &out,
+        progress: &progress,
+        told: HashSet::new(),
+    };
     flight.settle()?;
     let lines = flight.frames(args.frames, before + geometry)?;
     output::write_text(&out.join("frames.csv"), &csv(&lines))?;
@@ -155,6 +165,9 @@ struct Flight<'a> {
     movement: Movement,
     settings: StreamSettings,
     stops: f32,
+    /// Way of pictures to PNG files, and that of the first one, which all have.
+    shown: DisplaySettings,
+    transform: Option<DisplayTransform>,
     out: &'a Path,
     progress: &'a Progress,
     /// Losses that the user knows of.
@@ -215,7 +228,8 @@ impl Flight<'_> {
         let matrix: u64 = self.streamed.bytes().iter().filter(|part| part.0 == "matrix").map(|part| part.1).sum();
         let resident = resident_bytes().unwrap_or(0);
         let name = if is_only { "full.png".to_owned() } else { format!("frame-{number:04}.png") };
-        picture.write_png(&self.out.join(name), self.stops)?;
+        let transform = self.transform.get_or_insert_with(|| self.shown.transform(&picture));
+        picture.write_shown(&self.out.join(name), transform)?;
         Ok(Line { ms, frame, resident, beside: resident.saturating_sub(held + matrix) })
     }
 }

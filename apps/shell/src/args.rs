@@ -3,6 +3,7 @@
 pub mod bake;
 pub mod common;
 pub mod definition;
+pub mod display;
 pub mod idle;
 pub mod input;
 pub mod local;
@@ -14,6 +15,7 @@ pub mod temporal;
 pub use bake::{BakeOptions, Bounces};
 pub use common::Common;
 pub use definition::{definition, read};
+pub use display::{DisplayOptions, DisplaySettings, Exposure};
 pub use input::Input;
 pub use local::LocalArgs;
 pub use method::{Method, MethodOptions, parse_purpose};

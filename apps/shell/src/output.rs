@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use patchlight::Pictures;
 use patchlight::debug::DebugPicture;
 use reference::metrics::indirect_scale;
-use reference::{Picture, Precision, scale_to_stops};
+use reference::{DisplayTransform, Picture, Precision, scale_to_stops};
 use serde::Serialize;
 
 use crate::error::Error;
@@ -17,6 +17,15 @@ use assets::import::{LoadOptions, LoadedScene, load_or_build_with};
 /// A scene from a file, or a built-in one; what was repaired is said.
 pub fn import(spec: &str, progress: &Progress) -> Result<LoadedScene, Error> {
     import_within(spec, None, progress)
+}
+
+/// Imports a scene with every triangle flat, as references and their comparisons have it.
+///
+/// # Errors
+/// What the file says.
+pub fn import_flat(spec: &str, progress: &Progress) -> Result<LoadedScene, Error> {
+    let loaded = import(spec, progress)?;
+    Ok(LoadedScene { scene: loaded.scene.clone().flat(), ..loaded })
 }
 
 /// Imports a scene within so many bytes of memory.
@@ -96,17 +105,17 @@ pub fn check_finite(frame: u32, picture: &Picture) -> Result<(), Error> {
     }
 }
 
-/// Writes the parts as EXR and as displayed.
-pub fn write_pictures(out: &Path, pictures: &Pictures, stops: f32) -> Result<(), Error> {
+/// Writes the parts as EXR and as displayed; indirect light has an exposure of its own.
+pub fn write_pictures(out: &Path, pictures: &Pictures, transform: &DisplayTransform) -> Result<(), Error> {
     make_folder(out)?;
-    let indirect_stops = scale_to_stops(indirect_scale(&pictures.indirect));
-    for (name, picture, stops) in [
-        ("full", &pictures.full, stops),
-        ("direct", &pictures.direct, stops),
-        ("indirect", &pictures.indirect, indirect_stops),
+    let indirect = DisplayTransform { stops: scale_to_stops(indirect_scale(&pictures.indirect)), ..*transform };
+    for (name, picture, transform) in [
+        ("full", &pictures.full, transform),
+        ("direct", &pictures.direct, transform),
+        ("indirect", &pictures.indirect, &indirect),
     ] {
         picture.write_exr(&out.join(format!("{name}.exr")), Precision::Half)?;
-        picture.write_png(&out.join(format!("{name}.png")), stops)?;
+        picture.write_shown(&out.join(format!("{name}.png")), transform)?;
     }
     Ok(())
 }

@@ -12,12 +12,14 @@ use patchlight::{Bake, BakeJob, Observer, Picture, Refinement};
 use runtime::cpu::Cpu;
 use runtime::executor::{DeviceChoice, Executor, PassTime};
 use scene::kernel::camera::camera_direction;
-use scene::{Scene, Visibility as _};
+use scene::{DisplayTransform, Scene, Visibility as _};
 use winit::application::ApplicationHandler;
 use winit::dpi::PhysicalSize;
 use winit::event::WindowEvent;
 use winit::event_loop::{ActiveEventLoop, ControlFlow, EventLoop, EventLoopProxy};
 use winit::window::{Window, WindowId};
+
+use shell::args::{DisplaySettings, Exposure};
 
 use crate::error::Error;
 use crate::fit::fit;
@@ -71,6 +73,8 @@ pub struct Settings {
     pub sub_frames: u32,
     /// Pictures a second that are kept, by fewer pixels, while something moves; none for all pixels.
     pub fps: Option<f32>,
+    /// Exposure and tone curve at first.
+    pub shown: DisplaySettings,
     /// A picture to compare with, in place of the path tracer's.
     pub reference: Option<PathBuf>,
     /// A script that drives the window.
@@ -161,7 +165,7 @@ struct App<'a> {
     has_reference: bool,
     /// The reference of a file, whose size all pictures have, and the exposure with which it is on the screen.
     file: Option<Arc<Picture>>,
-    file_stops: Option<f32>,
+    file_display: Option<DisplayTransform>,
     panels: egui::Context,
     // The executor, in `live`, ends before the device of the screen.
     open: Option<Open>,
@@ -202,6 +206,11 @@ impl<'a> App<'a> {
         check(&bake)?;
         let mut state = State::new(loaded, &bake, &settings.methods);
         state.sub_frames = settings.sub_frames;
+        state.display.tone = settings.shown.tone;
+        match settings.shown.exposure {
+            Exposure::Automatic => state.is_auto_exposed = true,
+            Exposure::Stops(stops) => state.display.stops = stops,
+        }
         // A script says when.
         state.is_smooth = settings.script.is_none();
         state.facts.bake = job.as_ref().map(BakeJob::progress);
@@ -209,7 +218,7 @@ impl<'a> App<'a> {
         if let Err(why) = state.methods.choose(&settings.method) {
             observer.warn(&format!("{why}; showing {}", state.methods.chosen().name));
         }
-        let file = settings.reference.as_deref().map(|path| read(path, state.exposure_stops)).transpose()?;
+        let file = settings.reference.as_deref().map(|path| read(path, state.display.stops)).transpose()?;
         let file = file.map(Arc::new);
         if let Some(path) = &settings.reference {
             state.facts.reference = Some(path.display().to_string());
@@ -237,7 +246,7 @@ impl<'a> App<'a> {
             is_compared: false,
             has_reference: false,
             file,
-            file_stops: None,
+            file_display: None,
             panels: egui::Context::default(),
             open: None,
             frames: 0,
@@ -480,10 +489,10 @@ impl<'a> App<'a> {
             self.state.facts.comparison = None;
         }
         match &self.file {
-            Some(file) if self.file_stops != Some(self.state.exposure_stops) => {
-                let shown = rgba(file, self.state.exposure_stops);
+            Some(file) if self.file_display != Some(self.state.display) => {
+                let shown = rgba(file, &self.state.display);
                 open.screen.set_picture(Side::Right, open.live.size(), &Source::Host(&shown))?;
-                self.file_stops = Some(self.state.exposure_stops);
+                self.file_display = Some(self.state.display);
                 self.has_reference = true;
             }
             Some(_) => {}
@@ -493,7 +502,7 @@ impl<'a> App<'a> {
         if !has_changed && open.live.is_settled() && !self.is_compared {
             let (camera, ours) = open.live.picture(&self.state)?;
             let scene = open.live.scene().clone();
-            self.comparer.start(Job { scene, camera, ours, stops: self.state.exposure_stops });
+            self.comparer.start(Job { scene, camera, ours, transform: self.state.display });
             self.is_compared = true;
         }
         let Some(found) = self.comparer.take() else { return Ok(()) };

@@ -14,7 +14,8 @@ use shell::Error;
 use shell::args::common::parse_size;
 use shell::args::idle::warn_of_idle;
 use shell::args::{
-    BakeOptions, Common, Input, LocalArgs, Method, MethodOptions, OperatorSettings, TemporalOptions, parse_purpose,
+    BakeOptions, Common, DisplayOptions, Input, LocalArgs, Method, MethodOptions, OperatorSettings, TemporalOptions,
+    parse_purpose,
 };
 use shell::opened::{Opened, best_method, open_device, operator_of};
 use shell::output;
@@ -66,6 +67,9 @@ pub struct View {
     /// Pictures a second to be kept while something moves, by fewer pixels, down to a sixteenth [default: all pixels].
     #[arg(long, value_parser = parse_fps, help_heading = "Picture")]
     pub fps: Option<f32>,
+    /// Exposure and tone curve.
+    #[command(flatten)]
+    pub display: DisplayOptions,
     /// A picture (EXR, HDR, PNG) to compare with, in place of path tracing: of the scene's camera and lights.
     #[arg(long, help_heading = "Picture")]
     pub reference: Option<PathBuf>,
@@ -130,7 +134,9 @@ pub fn run(common: &Common, args: &View, matches: &ArgMatches) -> Result<(), Err
     let display = Display::open().map_err(window)?;
     let (loaded, baking) = match input {
         Input::Bake => {
-            let Opened { loaded, bake, .. } = Opened::read(Path::new(&args.scene), &progress)?;
+            let Opened { mut loaded, bake, .. } = Opened::read(Path::new(&args.scene), &progress)?;
+            loaded.scene = args.display.with_normals(bake.scene().clone(), args.reference.is_some());
+            let bake = bake.with_scene(loaded.scene.clone());
             (loaded, Baking { bake: Arc::new(bake), job: None, again: None })
         }
         Input::Scene | Input::World => bake(common, args, &progress)?,
@@ -142,6 +148,7 @@ pub fn run(common: &Common, args: &View, matches: &ArgMatches) -> Result<(), Err
         methods: defaults(args, loaded.exposure_stops, common.seed),
         sub_frames: args.spp,
         fps: args.fps,
+        shown: args.display.shown(&loaded),
         reference: args.reference.clone(),
         script: args.script.clone(),
         out: output::folder_or(&common.out, &format!("{}-view", loaded.name)),
@@ -162,7 +169,8 @@ fn window(error: crate::Error) -> Error {
 /// The first level of a bake of a scene, with the operators that are asked for, and the job that refines it.
 fn bake<'a>(common: &'a Common, args: &'a View, progress: &'a Progress) -> Result<(LoadedScene, Baking<'a>), Error> {
     let memory_limit = args.operators.memory_limit;
-    let loaded = output::import_within(&args.scene, memory_limit, progress)?;
+    let mut loaded = output::import_within(&args.scene, memory_limit, progress)?;
+    loaded.scene = args.display.with_normals(loaded.scene, args.reference.is_some());
     let of_scene = |error: patchlight::Error| Error::of_scene(error, &args.scene);
     let settings = args.bake.settings(&loaded, &loaded.animation, memory_limit, common.seed);
     let folder = output::folder_or(&common.out, &format!("{}-view", loaded.name));

@@ -14,7 +14,7 @@ use rayon::prelude::*;
 use runtime::executor::{Executor, PassTime};
 use scene::kernel::shade::{decode_srgb, encode_srgb};
 use scene::sampling::hammersley;
-use scene::{Camera, Scene, stops_to_scale};
+use scene::{Camera, DisplayTransform, Scene};
 
 use crate::error::Error;
 use crate::eye::Eye;
@@ -28,6 +28,10 @@ use crate::state::{Shown, State};
 pub const SETTLING: u32 = 32;
 /// Pictures that are averaged when nothing moves.
 pub const SMOOTHED: u32 = 16;
+/// Difference of an exposure that nobody notices, stops.
+const UNNOTICED_STOPS: f32 = 0.02;
+/// Share of what is missing that automatic exposure makes up for in a frame.
+const ADAPTED: f32 = 0.3;
 
 /// All that a picture depends on.
 #[derive(Clone, Debug, PartialEq)]
@@ -37,7 +41,7 @@ struct Wanted {
     object: Option<Object>,
     eye: Eye,
     size: (u32, u32),
-    exposure_stops: f32,
+    display: DisplayTransform,
     shown: Shown,
     method: MethodSettings,
     sub_frames: u32,
@@ -56,6 +60,8 @@ pub struct Live {
     rest: u32,
     /// True if the last frame differed from the one before in more than its size.
     is_moving: bool,
+    /// True once an automatic exposure was found.
+    is_exposed: bool,
     smooth: Smooth,
 }
 
@@ -132,6 +138,7 @@ impl Live {
             last: None,
             rest: 0,
             is_moving: false,
+            is_exposed: false,
             smooth: Smooth::default(),
         })
     }
@@ -203,14 +210,15 @@ impl Live {
             object: Some(state.object).filter(|object| object.is_on),
             eye: state.eye,
             size,
-            exposure_stops: state.exposure_stops,
+            display: state.display,
             shown: state.shown,
             method: self.method.1,
             sub_frames: self.sub_frames,
             is_smooth: state.is_smooth,
         };
         let is_new = self.last.as_ref() != Some(&wanted);
-        self.is_moving = is_new && shown.map(|last| Wanted { size, ..last }).as_ref() != Some(&wanted);
+        let same = |last| Wanted { size, display: wanted.display, ..last };
+        self.is_moving = is_new && shown.map(same).as_ref() != Some(&wanted);
         if !is_new && self.is_settled() {
             return Ok(None);
         }
@@ -231,7 +239,21 @@ impl Live {
             Shown::Light | Shown::Error => self.show_light(state, &wanted, &camera, false, screen)?,
         };
         self.last = Some(wanted);
+        self.expose(state)?;
         Ok(Some(times))
+    }
+
+    /// Lets the exposure follow what was shown, not all at once.
+    fn expose(&mut self, state: &mut State) -> Result<(), Error> {
+        if !state.is_auto_exposed || matches!(state.shown, Shown::Debug(_)) {
+            return Ok(());
+        }
+        let missing = self.renderer.automatic_stops()? - state.display.stops;
+        if missing.abs() > UNNOTICED_STOPS {
+            let is_first = !std::mem::replace(&mut self.is_exposed, true);
+            state.display.stops += if is_first { missing } else { missing * ADAPTED };
+        }
+        Ok(())
     }
 
     /// The picture that is shown, linear; waits.
@@ -319,7 +341,7 @@ impl Live {
         screen: &mut Screen,
     ) -> Result<Vec<PassTime>, Error> {
         let lighting = state.lighting.lighting();
-        let update = self.renderer.display(&lighting, camera, 0, wanted.exposure_stops)?;
+        let update = self.renderer.display(&lighting, camera, 0, &wanted.display)?;
         let displayed = self.renderer.displayed();
         let handle = self.renderer.light_mut().vulkan_mut().and_then(|vulkan| vulkan.buffer(displayed));
         let size = self.size();
@@ -330,7 +352,7 @@ impl Live {
                 if let Some((object, probes)) = wanted.object.zip(self.probes.as_mut()) {
                     probes.update(self.renderer.light_mut())?;
                     let scene = self.renderer.light().scene();
-                    object::draw(&mut bytes, camera, wanted.exposure_stops, &object, probes, scene);
+                    object::draw(&mut bytes, camera, &wanted.display, &object, probes, scene);
                 }
                 if is_smoothed {
                     bytes = self.smooth.add(&bytes);
@@ -349,8 +371,8 @@ impl Live {
         screen: &mut Screen,
     ) -> Result<Vec<PassTime>, Error> {
         let update = self.renderer.update_light(&state.lighting.lighting(), camera)?;
-        let shown = self.renderer.light_mut().debug_picture(kind, camera, wanted.exposure_stops)?;
-        let bytes = rgba(&shown.picture, shown.stops);
+        let shown = self.renderer.light_mut().debug_picture(kind, camera, wanted.display.stops)?;
+        let bytes = rgba(&shown.picture, &DisplayTransform::clipped(shown.stops));
         screen.set_picture(Side::Left, self.size(), &Source::Host(&bytes))?;
         self.times(update.times)
     }
@@ -383,7 +405,7 @@ pub fn check(bake: &Bake) -> Result<(), Error> {
 }
 
 /// A picture as it is displayed, bytes red, green, blue and 255.
-pub fn rgba(picture: &Picture, stops: f32) -> Vec<u8> {
-    let bytes = picture.displayed_bytes(stops_to_scale(stops));
+pub fn rgba(picture: &Picture, transform: &DisplayTransform) -> Vec<u8> {
+    let bytes = picture.shown_bytes(transform);
     bytes.chunks_exact(3).flat_map(|rgb| [rgb[0], rgb[1], rgb[2], 255]).collect()
 }

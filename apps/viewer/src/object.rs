@@ -14,7 +14,7 @@ use scene::gpu::DirectParams;
 use scene::kernel::camera::camera_direction;
 use scene::kernel::shade::{decode_srgb, encode_srgb};
 use scene::math::sqrt;
-use scene::{Camera, NONE, Scene, SurfacePoint, stops_to_scale};
+use scene::{Camera, DisplayTransform, NONE, Scene, SurfacePoint};
 
 /// Probes, about.
 pub const PROBES: u32 = 512;
@@ -94,9 +94,15 @@ struct Seen {
     point: SurfacePoint,
 }
 
-/// Draws the ball over a displayed picture: bytes red, green, blue and 255, row by row, with an exposure of so many
-/// stops.
-pub fn draw(bytes: &mut [u8], camera: &Camera, stops: f32, object: &Object, probes: &LiveProbes, scene: &Scene) {
+/// Draws the ball over a displayed picture: bytes red, green, blue and 255, row by row.
+pub fn draw(
+    bytes: &mut [u8],
+    camera: &Camera,
+    transform: &DisplayTransform,
+    object: &Object,
+    probes: &LiveProbes,
+    scene: &Scene,
+) {
     let seen = seen(camera, object, scene);
     let points: Vec<SurfacePoint> = seen.iter().map(|seen| seen.point).collect();
     let rays = DirectParams { count: points.len() as u32, area_rays: RAYS, ..direct_params(scene) };
@@ -104,13 +110,12 @@ pub fn draw(bytes: &mut [u8], camera: &Camera, stops: f32, object: &Object, prob
     let direct = scene.direct_irradiance(&direct, &points);
     let indirect = points.par_iter().map(|point| probes.irradiance(point.position, point.normal));
     let indirect: Vec<Vec3> = indirect.collect();
-    let scale = stops_to_scale(stops);
     for ((seen, direct), indirect) in seen.iter().zip(direct).zip(indirect) {
         let radiance = object.albedo * (direct + indirect) * FRAC_1_PI;
         let Some(pixel) = bytes.get_mut(4 * seen.pixel..4 * seen.pixel + 3) else { continue };
-        for (code, own) in pixel.iter_mut().zip((radiance * scale).to_array()) {
+        for (code, own) in pixel.iter_mut().zip(transform.color(radiance).to_array()) {
             let behind = decode_srgb(f32::from(*code) / 255.0);
-            let mixed = behind + (own.clamp(0.0, 1.0) - behind) * seen.share;
+            let mixed = behind + (own - behind) * seen.share;
             *code = (encode_srgb(mixed) * 255.0 + 0.5) as u8;
         }
     }

@@ -5,6 +5,7 @@ use egui_plot::{Legend, Line, Plot, PlotPoints};
 use glam::Vec3;
 use patchlight::method::{FeedbackSettings, FirstShotSettings, LocalSettings, TemporalSettings};
 use patchlight::{MAX_ALBEDO, MethodSettings};
+use scene::Tone;
 
 use crate::lights::NewLight;
 use crate::state::{Comparison, DIVISORS, Request, SUB_FRAMES, Shown, State};
@@ -239,7 +240,19 @@ fn vector(ui: &mut Ui, name: &str, vector: &mut Vec3, speed: f32) -> bool {
 }
 
 fn picture(ui: &mut Ui, state: &mut State) {
-    ui.add(Slider::new(&mut state.exposure_stops, -12.0..=12.0).text("exposure, stops"));
+    ui.horizontal(|ui| {
+        let exposure = Slider::new(&mut state.display.stops, -12.0..=12.0).text("exposure, stops");
+        if ui.add(exposure).changed() {
+            state.is_auto_exposed = false;
+        }
+        ui.checkbox(&mut state.is_auto_exposed, "auto");
+    });
+    ui.horizontal(|ui| {
+        ui.label("tone curve");
+        for tone in Tone::ALL {
+            ui.selectable_value(&mut state.display.tone, tone, tone.name());
+        }
+    });
     egui::ComboBox::from_label("view").selected_text(state.shown.name()).show_ui(ui, |ui| {
         for shown in Shown::all() {
             let has_it = state.showable.contains(&shown);

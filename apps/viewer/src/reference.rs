@@ -8,7 +8,7 @@ use std::thread::JoinHandle;
 
 use reference::metrics::{compare_pictures, difference_picture};
 use reference::{Accumulation, PathSettings, PathTracer, Picture, PictureErrors, PictureFile as _};
-use scene::{Camera, Scene, stops_to_scale};
+use scene::{Camera, DisplayTransform, Scene, stops_to_scale};
 
 use crate::error::Error;
 use crate::live::rgba;
@@ -28,8 +28,8 @@ pub struct Job {
     pub camera: Camera,
     /// The picture.
     pub ours: Picture,
-    /// Exposure, stops.
-    pub stops: f32,
+    /// Exposure and tone curve.
+    pub transform: DisplayTransform,
 }
 
 /// Result of a comparison so far.
@@ -172,11 +172,13 @@ fn trace(shared: &Shared, number: u64, job: &Job) {
 }
 
 fn compare(job: &Job, expected: &Picture, samples: u32) -> Found {
-    let scale = stops_to_scale(job.stops);
+    let scale = stops_to_scale(job.transform.stops);
     Found {
         samples,
-        shown: rgba(expected, job.stops),
-        difference: difference_picture(&job.ours, expected, RANGE).ok().map(|picture| rgba(&picture, 0.0)),
+        shown: rgba(expected, &job.transform),
+        difference: difference_picture(&job.ours, expected, RANGE)
+            .ok()
+            .map(|picture| rgba(&picture, &DisplayTransform::default())),
         errors: compare_pictures(&job.ours, expected, scale, None).ok(),
     }
 }

@@ -11,6 +11,7 @@ use std::time::Instant;
 use egui::{Event, Key, Modifiers, MouseWheelUnit, PointerButton, Pos2, TouchPhase, pos2, vec2};
 use glam::Vec3;
 use patchlight::MAX_ALBEDO;
+use scene::Tone;
 
 use crate::lights::NewLight;
 use crate::state::{Request, SUB_FRAMES, Shown, State};
@@ -45,7 +46,8 @@ albedo MATERIAL R G B|bake   share of the light that it reflects; that of the ba
 object ahead|X Y Z|off       a ball before the camera or there, m, lit by probes
 object radius M | albedo R G B
 move OBJECT X Y Z            an object of the scene, by its name or its number from 1, by so much, m
-exposure STOPS
+exposure STOPS|auto
+tone agx|neutral|none
 camera N                     the camera number N of the list, from 1
 eye X Y Z TX TY TZ           a place and what it looks at, m
 split off|SHARE              compare at the right of SHARE of the width
@@ -102,23 +104,51 @@ enum ObjectChange {
 enum Command {
     Wait(Until),
     Samples(u32),
-    Key { key: Key, frames: u32, is_shift: bool },
-    Drag { from: Pos2, to: Pos2 },
+    Key {
+        key: Key,
+        frames: u32,
+        is_shift: bool,
+    },
+    Drag {
+        from: Pos2,
+        to: Pos2,
+    },
     Wheel(f32),
     Method(String),
     View(Shown),
-    SunHour { hour: f32, to: f32, frames: u32 },
+    SunHour {
+        hour: f32,
+        to: f32,
+        frames: u32,
+    },
     SunDay(f32),
     Latitude(f32),
     AddLight(NewLight),
-    Light { number: usize, change: LightChange },
-    Emission { material: String, radiance: Vec3 },
-    Albedo { material: String, albedo: Option<Vec3> },
+    Light {
+        number: usize,
+        change: LightChange,
+    },
+    Emission {
+        material: String,
+        radiance: Vec3,
+    },
+    Albedo {
+        material: String,
+        albedo: Option<Vec3>,
+    },
     Object(ObjectChange),
-    Move { object: String, way: Vec3 },
-    Exposure(f32),
+    Move {
+        object: String,
+        way: Vec3,
+    },
+    /// Without a number it follows what is seen.
+    Exposure(Option<f32>),
+    Tone(Tone),
     Camera(usize),
-    Eye { position: Vec3, target: Vec3 },
+    Eye {
+        position: Vec3,
+        target: Vec3,
+    },
     Split(Option<f32>),
     Panels(bool),
     SubFrames(u32),
@@ -344,7 +374,11 @@ fn apply(command: &Command, state: &mut State) -> Result<(), String> {
             let object = state.scene_object(object)?;
             state.requests.push(Request::Move { object, way: *way });
         }
-        Command::Exposure(stops) => state.exposure_stops = *stops,
+        Command::Exposure(stops) => {
+            state.display.stops = stops.unwrap_or(state.display.stops);
+            state.is_auto_exposed = stops.is_none();
+        }
+        Command::Tone(tone) => state.display.tone = *tone,
         Command::Camera(number) => choose_camera(state, *number)?,
         Command::Eye { position, target } => {
             let direction = (*target - *position).try_normalize();
@@ -441,7 +475,7 @@ impl Words<'_> {
             "object" => self.object(),
             "move" => self.movement(),
             "camera" | "eye" | "method" | "view" => self.look(),
-            "exposure" | "split" | "panels" | "smooth" | "sub-frames" => self.setting(),
+            "exposure" | "tone" | "split" | "panels" | "smooth" | "sub-frames" => self.setting(),
             "screenshot" => self.screenshot(),
             "quit" => Ok(Command::Quit),
             other => {
@@ -526,7 +560,13 @@ impl Words<'_> {
     fn setting(&self) -> Result<Command, String> {
         let words = self.0;
         Ok(match words[0] {
-            "exposure" => Command::Exposure(self.only("STOPS")?),
+            "exposure" if words[1..] == ["auto"] => Command::Exposure(None),
+            "exposure" => Command::Exposure(Some(self.only("STOPS|auto")?)),
+            "tone" => {
+                self.count(2..=2, "agx|neutral|none")?;
+                let found = Tone::ALL.into_iter().find(|tone| tone.name() == words[1]);
+                Command::Tone(found.ok_or_else(|| format!("`{}`: choose from agx, neutral, none", words[1]))?)
+            }
             "panels" => Command::Panels(self.switch(1)?),
             "smooth" => Command::Smooth(self.switch(1)?),
             "split" => {

@@ -8,7 +8,7 @@ use glam::Vec3;
 use patchlight::debug::DebugKind;
 use patchlight::{Bake, BakeProgress, MethodSettings, ReceiverKind};
 use reference::PictureErrors;
-use scene::{Material, NONE};
+use scene::{DisplayTransform, Material, NONE, Tone};
 
 use crate::eye::Eye;
 use crate::lights::EditedLighting;
@@ -140,8 +140,10 @@ pub struct State {
     pub eye: Eye,
     /// Cameras to return to, with their names.
     pub cameras: Vec<(String, Eye)>,
-    /// Exposure of the picture, stops.
-    pub exposure_stops: f32,
+    /// Exposure of the picture, and its tone curve.
+    pub display: DisplayTransform,
+    /// True if the exposure follows what is seen.
+    pub is_auto_exposed: bool,
     /// The methods.
     pub methods: Methods,
     /// Content of the picture.
@@ -198,7 +200,8 @@ impl State {
             lighting: EditedLighting::of(bake),
             eye: cameras[0].1,
             cameras,
-            exposure_stops: loaded.exposure_stops,
+            display: DisplayTransform { stops: loaded.exposure_stops, tone: Tone::None },
+            is_auto_exposed: false,
             methods: Methods::of(bake, defaults),
             shown: Shown::Light,
             showable: Shown::all()

@@ -254,11 +254,13 @@ fn number<K: std::hash::Hash + Eq>(known: &mut HashMap<K, usize>, key: K, mut wr
 fn settings(scene: &LoadedScene, name: &str) -> String {
     let v = |v: Vec3| format!("[{:?}, {:?}, {:?}]", v.x, v.y, v.z);
     let view = &scene.view;
+    let exposure =
+        if scene.is_exposed { format!("exposure_stops = {:?}\n", scene.exposure_stops) } else { String::new() };
     let mut text = format!(
-        "# {name}, written by patchlight.\nversion = 1\nmesh = {:?}\nmetres_per_unit = 1.0\nexposure_stops = {:?}\n\n\
+        "# {name}, written by patchlight.\nversion = 1\nmesh = {:?}\nmetres_per_unit = 1.0\n{}\n\
          [camera]\neye = {}\ntarget = {}\nup = {}\nvertical_fov_degrees = {:?}\n",
         format!("{name}.obj"),
-        scene.exposure_stops,
+        exposure,
         v(view.eye),
         v(view.target),
         v(view.up),

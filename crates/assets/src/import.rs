@@ -80,6 +80,8 @@ pub struct LoadedScene {
     pub view: View,
     /// Exposure of pictures: radiance is multiplied by 2 to this power.
     pub exposure_stops: f32,
+    /// True if the scene says its exposure; else [`Self::exposure_stops`] is 0, and pictures may choose.
+    pub is_exposed: bool,
     /// Length of the file's unit, m.
     pub metres_per_unit: f32,
     /// Names of objects, by [`scene::gpu::Triangle::object`].

@@ -102,7 +102,7 @@ pub fn build(spec: &str) -> Result<LoadedScene, ImportError> {
         add_ground(&mut built, edge);
     }
     let setting = Setting {
-        exposure_stops: built.exposure_stops,
+        exposure_stops: Some(built.exposure_stops),
         view: Some(built.view),
         lights: built.lights,
         sky: Sky { radiance: built.sky, ..Sky::default() },

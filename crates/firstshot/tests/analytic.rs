@@ -134,7 +134,7 @@ fn holes_take_no_part_in_the_area_of_a_cell() {
     // Half of the texels are holes, in stripes.
     let texels = (0..64u32).flat_map(|k| [0x8000_8000, 0x8000 | if k % 4 < 2 { 0xffff_0000 } else { 0 }]).collect();
     let triangles = quad(Vec3::new(-1.0, 0.0, -1.0), Vec3::Z * 2.0, Vec3::X * 2.0, 0).to_vec();
-    let uv = TriangleUv { corner: Vec2::ZERO, corner_a: Vec2::X, corner_b: Vec2::Y };
+    let uv = TriangleUv { corner: Vec2::ZERO, corner_a: Vec2::X, corner_b: Vec2::Y, ..TriangleUv::default() };
     let leaves = Material { mask_texture: 0, ..grey(0.5) };
     let mut scene = Scene::new(SceneParts {
         uvs: vec![uv; 2],

@@ -106,5 +106,24 @@ pub struct ToneMapParams {
     pub count: u32,
     /// Exposure, divided by the number of sub-frames that were summed.
     pub scale: f32,
+    /// Tone curve, as [`TONE_NONE`](::scene::gpu::TONE_NONE).
+    pub tone: u32,
+    /// Keeps the size a multiple of 16.
+    pub reserved: u32,
 }
-const _: () = assert!(size_of::<ToneMapParams>() == 8);
+const _: () = assert!(size_of::<ToneMapParams>() == 16);
+
+/// Metering of a picture.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
+pub struct MeterParams {
+    /// Number of means.
+    pub count: u32,
+    /// Number of pixels, and of those of a mean.
+    pub pixels: u32,
+    /// Consecutive pixels of a mean.
+    pub run: u32,
+    /// Keeps the size a multiple of 16.
+    pub reserved: u32,
+}
+const _: () = assert!(size_of::<MeterParams>() == 16);

@@ -2,11 +2,13 @@
 
 use ::scene::gpu::{DirectParams, Emitter, EmitterGroup, LargeParams, ShareParams, SpecularChain, WalkParams};
 use ::scene::kernel::medium::{Absorbing, Air};
-use ::scene::kernel::{bvh, camera, large, light, shade, specular, walk};
+use ::scene::kernel::{bvh, camera, large, light, normal, shade, specular, tone, walk};
 use ::scene::{Hit, Light, Ray, Rgb, SurfacePoint};
 use glam::Vec3;
 
-use crate::params::{CountParams, FollowParams, MediumDirectParams, MediumLargeParams, PixelParams, ToneMapParams};
+use crate::params::{
+    CountParams, FollowParams, MediumDirectParams, MediumLargeParams, MeterParams, PixelParams, ToneMapParams,
+};
 
 kernels! {
     /// Nearest hit of every ray: [`bvh::closest_hit`]. One invocation per ray.
@@ -114,7 +116,7 @@ kernels! {
     }
 
     /// Traces every pixel's primary ray, to a hit and to a point to be lit: [`camera::primary_hit`],
-    /// [`camera::surface_point`]. One invocation per pixel.
+    /// [`normal::shading_point`]. One invocation per pixel.
     SCENE_PRIMARY: PrimaryPass = "scene_primary"(p: PixelParams) for k in 0..count {
         geometry: GeometryTables,
         hits: write [Hit],
@@ -123,7 +125,7 @@ kernels! {
         let at = p.first + k;
         let hit = camera::primary_hit(&geometry, &p.camera, at, p.seed);
         let direction = camera::primary_direction(&p.camera, at, p.seed);
-        (hit, camera::surface_point(&geometry, hit, direction))
+        (hit, normal::shading_point(&geometry, hit, direction))
     }
 
     /// Albedo of what every pixel's primary ray met: [`shade::pixel_albedo`]. One invocation per pixel.
@@ -184,7 +186,7 @@ kernels! {
     }
 
     /// Points to be lit where specular paths end, and the albedo there, times the path's factor:
-    /// [`camera::surface_point`], [`specular::chain_albedo`]. One invocation per pixel.
+    /// [`normal::shading_point`], [`specular::chain_albedo`]. One invocation per pixel.
     SCENE_CHAIN_SURFACE: ChainSurfacePass = "scene_chain_surface"(p: CountParams) for k in 0..count {
         hits: read [Hit; count],
         chains: read [SpecularChain; count],
@@ -194,7 +196,7 @@ kernels! {
     } each {
         let hit = hits[k as usize];
         let chain = chains[k as usize];
-        let point = camera::surface_point(&geometry, hit, chain.direction);
+        let point = normal::shading_point(&geometry, hit, chain.direction);
         (point, specular::chain_albedo(&geometry, hit, chain))
     }
 
@@ -321,12 +323,22 @@ kernels! {
         (full_before + light, direct_before + light)
     }
 
-    /// Displayed colour of every pixel, bytes r, g, b, 255: [`shade::tone_map`]. One invocation
+    /// Displayed colour of every pixel, bytes r, g, b, 255: [`tone::displayed`]. One invocation
     /// per pixel.
     SCENE_TONE_MAP: ToneMapPass = "scene_tone_map"(p: ToneMapParams) for k in 0..count {
         sum: read [Rgb; count],
         pixels: write [u32],
     } each {
-        shade::tone_map(sum[k as usize], p.scale)
+        tone::displayed(sum[k as usize], p.scale, p.tone)
+    }
+
+    /// Mean luminance of runs of pixels: [`tone::mean_luminance`]. One invocation per run.
+    SCENE_METER: MeterPass = "scene_meter"(p: MeterParams) for k in 0..count {
+        sum: read [Rgb; p.pixels as usize],
+        means: write [f32],
+    } each {
+        let first = k * p.run;
+        let end = if first + p.run < p.pixels { first + p.run } else { p.pixels };
+        tone::mean_luminance(sum, first, end)
     }
 }

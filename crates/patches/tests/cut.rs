@@ -20,6 +20,7 @@ fn floor_with(things: &[[Triangle; 2]]) -> Scene {
         corner: flat(t.corner),
         corner_a: flat(t.corner + t.edge_a),
         corner_b: flat(t.corner + t.edge_b),
+        ..TriangleUv::default()
     };
     let uvs = triangles.iter().map(uv).collect();
     Scene::new(SceneParts { triangles, uvs, materials: vec![Material::default()], ..SceneParts::default() }).unwrap()

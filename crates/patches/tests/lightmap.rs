@@ -180,7 +180,7 @@ fn an_atlas_that_is_there_is_taken_as_it_is() {
     let uvs: Vec<Option<TriangleUv>> = (scene.geometry.triangles.iter())
         .map(|t| {
             let [corner, corner_a, corner_b] = [t.corner, t.corner + t.edge_a, t.corner + t.edge_b].map(place);
-            Some(TriangleUv { corner, corner_a, corner_b })
+            Some(TriangleUv { corner, corner_a, corner_b, ..TriangleUv::default() })
         })
         .collect();
     let map = LightmapTexels::with_uvs(&scene, &sides, &uvs, 0.05, &|_| true).unwrap();

@@ -191,7 +191,7 @@ fn textured(material: Material) -> Scene {
     let mut mesh = Mesh::default();
     mesh.triangle(Vec3::ZERO, Vec3::X * 8.0, Vec3::Y * 8.0);
     mesh.triangle(Vec3::new(8.0, 8.0, 0.0), Vec3::Y * 8.0, Vec3::X * 8.0);
-    let uv = |a: Vec2, b: Vec2, c: Vec2| TriangleUv { corner: a, corner_a: b, corner_b: c };
+    let uv = |a: Vec2, b: Vec2, c: Vec2| TriangleUv { corner: a, corner_a: b, corner_b: c, ..TriangleUv::default() };
     // The picture twice in each direction.
     let uvs = vec![uv(Vec2::ZERO, Vec2::X * 2.0, Vec2::Y * 2.0), uv(Vec2::ONE * 2.0, Vec2::Y * 2.0, Vec2::X * 2.0)];
     let (texture, texels) = halves(16);

@@ -123,7 +123,7 @@ pub use runtime::executor::{DeviceChoice, Executor, open};
 #[cfg(feature = "vulkan")]
 pub use runtime::vulkan::{BorrowedDevice, Vulkan};
 pub use scene::{
-    Camera, Flux, Intensity, Irradiance, Light, LightId, Lighting, Material, MaterialId, Mesh, Radiance, Scene,
-    SceneBuilder, SurfacePoint, TextureId,
+    Camera, DisplayTransform, Flux, Intensity, Irradiance, Light, LightId, Lighting, Material, MaterialId, Mesh,
+    Radiance, Scene, SceneBuilder, SurfacePoint, TextureId, Tone,
 };
 pub use {glam, rayon, runtime, scene, transport};

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use patches::Columns;
 use runtime::executor::Executor;
 use runtime::plan::{BufferId, PassId, Slice};
-use scene::{Camera, Lighting, Rgb, SurfacePoint};
+use scene::{Camera, DisplayTransform, Lighting, Rgb, SurfacePoint};
 use transport::Observer;
 
 use crate::bake::{Bake, ReceiverKind};
@@ -361,7 +361,7 @@ impl PictureRenderer {
         Ok(FrameResult { pictures: Pictures { full, direct, indirect }, times })
     }
 
-    /// Updates and tone-maps to [`Self::displayed`], with an exposure of so many stops. Colours are those of
+    /// Updates and tone-maps to [`Self::displayed`]. Colours are those of
     /// [`Self::picture`] but for rounding, where receivers are on the mesh or patches; with receivers at pixels, which
     /// are gathered on the host, indirect light is missing. Submits the work and waits for nothing, as
     /// [`Self::update_light`] does. From the camera of the picture before, in one sub-frame of [`PixelLight::Smooth`],
@@ -374,13 +374,13 @@ impl PictureRenderer {
         lighting: &Lighting,
         camera: &Camera,
         number: u32,
-        exposure_stops: f32,
+        transform: &DisplayTransform,
     ) -> Result<LightUpdate, Error> {
         let (update, changes) = self.update_elements(lighting, camera)?;
         self.set_shot(camera, number)?;
         let plan = &mut self.plan;
         let executor = self.light.executor_mut();
-        plan.display.set(executor, exposure_stops)?;
+        plan.display.set(executor, transform)?;
         let is_seen = plan.seen_from == Some(*camera) && !changes.is_view;
         plan.seen_from = None;
         executor.submit_passes(&plan.display_passes(is_seen))?;
@@ -392,6 +392,15 @@ impl PictureRenderer {
     /// blue and 255 from the lowest. Another buffer after a call that changes the plan of the light or of the pictures.
     pub fn displayed(&self) -> BufferId {
         self.plan.display.pixels.buffer
+    }
+
+    /// Exposure, stops, that would make the picture of the last [`Self::display`] neither dark nor bright, whatever its
+    /// own was; waits. The same as [`Picture::automatic_stops`] of the picture.
+    ///
+    /// # Errors
+    /// What the device says.
+    pub fn automatic_stops(&mut self) -> Result<f32, Error> {
+        Ok(self.plan.display.automatic_stops(self.light.executor_mut())?)
     }
 
     fn gather_pixels(&mut self, camera: &Camera, frame: u32) -> Result<Picture, Error> {

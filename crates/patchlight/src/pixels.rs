@@ -2,7 +2,8 @@
 
 use glam::{Vec3, Vec4};
 use rayon::prelude::*;
-use scene::kernel::camera::{primary_direction, primary_hit, surface_point};
+use scene::kernel::camera::{primary_direction, primary_hit};
+use scene::kernel::normal::shading_point;
 use scene::kernel::shade::{pixel_albedo, pixel_radiance};
 use scene::{Camera, Hit, Light, Scene, SurfacePoint};
 
@@ -52,7 +53,7 @@ impl PixelGather<'_> {
             .filter_map(|pixel| {
                 let hit = primary_hit(&geometry, self.camera, pixel as u32, seed);
                 let direction = primary_direction(self.camera, pixel as u32, seed);
-                (!hit.is_miss()).then(|| (pixel, hit, surface_point(&geometry, hit, direction)))
+                (!hit.is_miss()).then(|| (pixel, hit, shading_point(&geometry, hit, direction)))
             })
             .collect();
         let points: Vec<SurfacePoint> =

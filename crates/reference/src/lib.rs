@@ -57,4 +57,4 @@ pub use data::{ReferenceData, ReferencePoint};
 pub use error::{Error, ResumeError};
 pub use metrics::{Faults, Judge, PictureErrors, PointErrors, ReferenceNoise};
 pub use path::{PathSettings, PathTracer, PointIrradiance, Reflected, Strategy};
-pub use picture::{Picture, PictureFile, Precision, scale_to_stops, stops_to_scale};
+pub use picture::{DisplayTransform, Picture, PictureFile, Precision, Tone, scale_to_stops, stops_to_scale};

@@ -21,6 +21,7 @@ use scene::gpu::{LIGHT_DIRECTIONAL, LIGHT_LUMINAIRE, LIGHT_RECT, LIGHT_SPOT};
 use scene::kernel::bvh::FAR;
 use scene::kernel::camera::{camera_direction, surface_point};
 use scene::kernel::light::{luminaire_share, meet_rect, pick_emitter, sky_radiance, spot_falloff};
+use scene::kernel::normal::shading_point;
 use scene::kernel::specular::specular_parts;
 use scene::math::clamp;
 use scene::sampling::{cosine_hemisphere, hash3, uniform_triangle};
@@ -311,7 +312,7 @@ impl<'a> PathTracer<'a> {
             let onward = self.onward(hit, direction, &mut sampler);
             throughput *= onward.weight * onward.radiance_ratio;
             let Some(ray) = onward.ray else {
-                let light = self.gather(surface_point(&self.geometry, hit, direction), shared, &mut sampler);
+                let light = self.gather(shading_point(&self.geometry, hit, direction), shared, &mut sampler);
                 found.direct += throughput * light.direct;
                 found.indirect += throughput * light.indirect;
                 return found;

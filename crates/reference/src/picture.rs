@@ -13,7 +13,7 @@ use scene::kernel::shade::decode_srgb;
 use crate::error::Error;
 use crate::file::write_whole;
 
-pub use scene::{Picture, scale_to_stops, stops_to_scale};
+pub use scene::{DisplayTransform, Picture, Tone, scale_to_stops, stops_to_scale};
 
 /// Precision of numbers in an EXR file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -39,11 +39,19 @@ pub trait PictureFile: Sized {
     /// [`Error::Write`] or [`Error::Encode`] with the path.
     fn write_exr(&self, path: &Path, precision: Precision) -> Result<(), Error>;
 
-    /// Writes what a display shows: values × 2^`stops`, clamped to [0, 1], sRGB, 8 bits.
+    /// Writes values × 2^`stops`, clamped to [0, 1], sRGB, 8 bits.
     ///
     /// # Errors
     /// [`Error::Write`] or [`Error::Encode`] with the path.
-    fn write_png(&self, path: &Path, stops: f32) -> Result<(), Error>;
+    fn write_png(&self, path: &Path, stops: f32) -> Result<(), Error> {
+        self.write_shown(path, &DisplayTransform::clipped(stops))
+    }
+
+    /// Writes what a display shows: exposure, tone curve, sRGB, 8 bits.
+    ///
+    /// # Errors
+    /// [`Error::Write`] or [`Error::Encode`] with the path.
+    fn write_shown(&self, path: &Path, transform: &DisplayTransform) -> Result<(), Error>;
 }
 
 impl PictureFile for Picture {
@@ -70,8 +78,8 @@ impl PictureFile for Picture {
         }
     }
 
-    fn write_png(&self, path: &Path, stops: f32) -> Result<(), Error> {
-        let bytes = self.displayed_bytes(stops_to_scale(stops));
+    fn write_shown(&self, path: &Path, transform: &DisplayTransform) -> Result<(), Error> {
+        let bytes = self.shown_bytes(transform);
         let mut png = Vec::new();
         PngEncoder::new(&mut png)
             .write_image(&bytes, self.width, self.height, ExtendedColorType::Rgb8)

@@ -28,7 +28,8 @@ pub struct Triangle {
 }
 const _: () = assert!(size_of::<Triangle>() == 48);
 
-/// Texture coordinates of a triangle's three corners; v = 0 is the bottom row of the picture (OBJ convention).
+/// Texture coordinates and normals of a triangle's three corners; v = 0 is the bottom row of the picture (OBJ
+/// convention).
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct TriangleUv {
@@ -38,8 +39,16 @@ pub struct TriangleUv {
     pub corner_a: Vec2,
     /// At the third corner.
     pub corner_b: Vec2,
+    /// Normal at the first corner, packed ([`crate::kernel::normal::pack`]); 0 in all three for a flat triangle.
+    pub normal: u32,
+    /// At the second corner.
+    pub normal_a: u32,
+    /// At the third corner.
+    pub normal_b: u32,
+    /// Keeps the size a multiple of 8.
+    pub reserved: u32,
 }
-const _: () = assert!(size_of::<TriangleUv>() == 24);
+const _: () = assert!(size_of::<TriangleUv>() == 40);
 
 /// Node of the binary hierarchy, the same bytes as obvhs' small node. `prim_count == 0`: an inner node with the
 /// children `first_index` and `first_index + 1`; otherwise a leaf with the triangles `first_index .. first_index +
@@ -143,6 +152,13 @@ pub struct Texture {
     pub levels: u32,
 }
 const _: () = assert!(size_of::<Texture>() == 16);
+
+/// Tone curve: what is brighter than white is cut off.
+pub const TONE_NONE: u32 = 0;
+/// Tone curve: AgX, [`crate::kernel::tone::agx`].
+pub const TONE_AGX: u32 = 1;
+/// Tone curve: Khronos PBR Neutral, [`crate::kernel::tone::neutral`].
+pub const TONE_NEUTRAL: u32 = 2;
 
 /// Lumens of a watt of equal-energy white: the luminous efficacy by which radiometric and photometric quantities are
 /// converted, `Φ_v = 179 lm/W · luminance(Φ_e)` (Ward 1994).

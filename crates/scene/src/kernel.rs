@@ -8,9 +8,11 @@ pub mod camera;
 pub mod large;
 pub mod light;
 pub mod medium;
+pub mod normal;
 pub mod shade;
 pub mod specular;
 pub mod texture;
+pub mod tone;
 pub mod walk;
 
 pub use bvh::{GeometryTables, Hierarchy};

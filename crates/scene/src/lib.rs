@@ -73,10 +73,10 @@ pub use units::{Flux, Intensity, Irradiance, Radiance, SurfaceLight};
 #[cfg(feature = "alloc")]
 #[doc(inline)]
 pub use host::{
-    BuildError, Distribution, Geometry, LightId, Lighting, MAX_EMITTER_GROUPS, MaterialId, Mesh, MeshFault, MeshId,
-    Occluder, POINT_WALKS, Picture, ReceiverSet, SKY_BINS, Scene, SceneBuilder, SceneEdit, SceneParts, SidePolicy,
-    Sides, TextureId, find_lit_sides, find_sides, is_open, reachability, scale_to_stops, sky_bin, sky_exitance,
-    stops_to_scale, texel_count,
+    BuildError, DisplayTransform, Distribution, Geometry, LightId, Lighting, MAX_EMITTER_GROUPS, MaterialId, Mesh,
+    MeshFault, MeshId, Occluder, POINT_WALKS, Picture, ReceiverSet, SKY_BINS, Scene, SceneBuilder, SceneEdit,
+    SceneParts, SidePolicy, Sides, TextureId, Tone, find_lit_sides, find_sides, is_open, reachability, scale_to_stops,
+    sky_bin, sky_exitance, stops_to_scale, texel_count,
 };
 
 use glam::Vec3;

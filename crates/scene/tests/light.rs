@@ -191,7 +191,7 @@ fn lamp_room(lighting: &Lighting, radiance: Vec3) -> Scene {
     let lamp = Material { radiance, ..Material::default() };
     Scene::new(SceneParts {
         triangles: vec![floor, at(-1.0, 1), at(0.2, 2)],
-        uvs: vec![TriangleUv { corner: Vec2::ZERO, corner_a: Vec2::X, corner_b: Vec2::Y }; 3],
+        uvs: vec![TriangleUv { corner: Vec2::ZERO, corner_a: Vec2::X, corner_b: Vec2::Y, ..TriangleUv::default() }; 3],
         materials: vec![Material::default(), lamp, Material { radiance_texture: 0, ..lamp }],
         textures: vec![picture],
         texels: vec![0x3c00_3c00, 0x3c00_3c00, 0x3800_3800, 0x3c00_3800],

@@ -25,7 +25,10 @@ fn soup(count: u32) -> SceneParts {
             ..Triangle::default()
         })
         .collect();
-    let uvs = vec![TriangleUv { corner: Vec2::ZERO, corner_a: Vec2::X, corner_b: Vec2::Y }; triangles.len()];
+    let uvs = vec![
+        TriangleUv { corner: Vec2::ZERO, corner_a: Vec2::X, corner_b: Vec2::Y, ..TriangleUv::default() };
+        triangles.len()
+    ];
     SceneParts { triangles, uvs, materials: vec![Material::default()], ..SceneParts::default() }
 }
 

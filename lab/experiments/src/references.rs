@@ -234,7 +234,8 @@ impl<'a> Tracing<'a> {
 
     /// Writes the pictures and what they are, for people and for `--reference`.
     fn write(&self, kept: &KeptReference) -> Result<(), Error> {
-        output::write_pictures(&self.folder, &kept.pictures, self.loaded.exposure_stops)?;
+        let transform = reference::DisplayTransform::clipped(self.loaded.exposure_stops);
+        output::write_pictures(&self.folder, &kept.pictures, &transform)?;
         for (name, error) in ["full-error.exr", "indirect-error.exr"].iter().zip(kept.standard_errors.iter().flatten())
         {
             error.write_exr(&self.folder.join(name), Precision::Single)?;

@@ -7,6 +7,7 @@ use std::time::Instant;
 use glam::{Vec2, Vec3, Vec4};
 use rayon::prelude::*;
 use scene::gpu::{LIGHT_DIRECTIONAL, Triangle, TriangleUv};
+use scene::kernel::normal;
 use scene::{Light, Material, NONE, Scene, SceneParts, Sky};
 use sha2::{Digest, Sha256};
 
@@ -121,10 +122,17 @@ pub struct FileTriangle {
     pub corners: [Vec3; 3],
     /// Texture coordinates.
     pub uvs: [Vec2; 3],
+    /// Normals, packed; 0 where the file has none.
+    pub normals: [u32; 3],
     /// Index of the material.
     pub material: u32,
     /// Index of the object.
     pub object: u32,
+}
+
+/// Normals of a file's vertex, as [`FileTriangle::normals`] has them.
+pub fn packed_normal(normal: Vec3) -> u32 {
+    normal.try_normalize().map_or(0, normal::pack)
 }
 
 /// Geometry and materials of a file, in its own units.
@@ -160,8 +168,8 @@ pub struct Setting {
     pub name: String,
     /// Length of the file's unit, m.
     pub metres_per_unit: f32,
-    /// Exposure of pictures.
-    pub exposure_stops: f32,
+    /// Exposure of pictures, where the scene says it.
+    pub exposure_stops: Option<f32>,
     /// Camera, in metres; without one the bounds are framed.
     pub view: Option<View>,
     /// Lights, in metres.
@@ -189,7 +197,7 @@ impl Setting {
             path: path.to_path_buf(),
             name: name.to_owned(),
             metres_per_unit: 1.0,
-            exposure_stops: 0.0,
+            exposure_stops: None,
             view: None,
             lights: Vec::new(),
             sky: Sky::default(),
@@ -286,13 +294,15 @@ pub fn finish(mut mesh: Mesh, setting: Setting, options: &LoadOptions) -> Result
 
     let view = setting.view.or_else(|| mesh.view.map(|v| scaled(v, setting.metres_per_unit)));
     let view = view.unwrap_or_else(|| frame_bounds(scene.geometry.bounds));
-    content_hash = hash_view(content_hash, &view, setting.exposure_stops);
+    let exposure_stops = setting.exposure_stops.unwrap_or(0.0);
+    content_hash = hash_view(content_hash, &view, exposure_stops);
     let animation = Animation { lights: scene.lighting.lights.clone(), view, tracks: setting.animation.tracks };
     Ok(LoadedScene {
         name: setting.name,
         scene,
         view,
-        exposure_stops: setting.exposure_stops,
+        exposure_stops,
+        is_exposed: setting.exposure_stops.is_some(),
         metres_per_unit: setting.metres_per_unit,
         objects: mesh.objects,
         materials: mesh.materials.into_iter().map(|m| m.name).collect(),
@@ -458,7 +468,9 @@ fn judge(t: &FileTriangle, source: u32, scale: f32, hole: bool) -> Verdict {
     }
     let triangle = Triangle { corner: ma, material: t.material, edge_a, source, edge_b, object: t.object };
     let [corner, corner_a, corner_b] = t.uvs.map(|uv| if uv.is_finite() { uv } else { Vec2::ZERO });
-    Verdict::Keep(triangle, TriangleUv { corner, corner_a, corner_b })
+    let uv = TriangleUv { corner, corner_a, corner_b, ..TriangleUv::default() };
+    let normals = t.normals.map(|code| if code == 0 { Vec3::ZERO } else { normal::unpack(code) });
+    Verdict::Keep(triangle, uv.with_normals(&triangle, normals))
 }
 
 fn far_corner(mesh: &Mesh, t: &FileTriangle, path: &Path) -> ImportError {
@@ -540,7 +552,13 @@ fn hash(parts: &SceneParts, textures: &[[u8; 32]]) -> [u8; 32] {
         digest.update((count as u64).to_le_bytes());
     }
     digest.update(bytemuck::cast_slice::<_, u8>(&parts.triangles));
-    digest.update(bytemuck::cast_slice::<_, u8>(&parts.uvs));
+    // Scenes without normals hash as they did before there were any, so that bakes stay valid.
+    for uv in &parts.uvs {
+        digest.update(bytemuck::bytes_of(&[uv.corner, uv.corner_a, uv.corner_b]));
+        if uv.normal != 0 {
+            digest.update(bytemuck::bytes_of(&[uv.normal, uv.normal_a, uv.normal_b]));
+        }
+    }
     parts.materials.iter().for_each(|m| hash_material(&mut digest, m));
     digest.update(bytemuck::cast_slice::<_, u8>(&parts.textures));
     textures.iter().for_each(|h| digest.update(h));
@@ -597,7 +615,8 @@ mod tests {
 
     #[test]
     fn equal_triangles_share_a_key_whatever_their_first_corner_but_not_across_windings() {
-        let triangle = |corners| FileTriangle { corners, uvs: [Vec2::ZERO; 3], material: 0, object: 0 };
+        let triangle =
+            |corners| FileTriangle { corners, uvs: [Vec2::ZERO; 3], normals: [0; 3], material: 0, object: 0 };
         let a = Vec3::ZERO;
         let b = Vec3::X;
         let c = Vec3::Y;

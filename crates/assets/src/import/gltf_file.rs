@@ -15,7 +15,7 @@ use gltf::mesh::Mode;
 use gltf::{Accessor, Document, Gltf, Node, Primitive};
 use scene::Light;
 
-use super::draft::{FileTriangle, MaterialDraft, Mesh, check_count};
+use super::draft::{FileTriangle, MaterialDraft, Mesh, check_count, packed_normal};
 use super::optics::{GLASS, Optics};
 use super::pictures::{MaskChannel, Source, guard};
 use super::scene_file::beside;
@@ -269,6 +269,8 @@ struct Vertices {
     positions: Vec<Vec3>,
     /// Coordinates of the material's textures; empty where there are none.
     uvs: Vec<Vec2>,
+    /// Normals in the world, packed; empty where there are none.
+    normals: Vec<u32>,
     /// In the atlas of a lightmap; empty where there are none.
     lightmap: Vec<Vec2>,
     indices: Vec<u32>,
@@ -286,7 +288,9 @@ fn read_vertices(
     let uvs = primitive.get(&gltf::Semantic::TexCoords(rule.set));
     let atlas = primitive.get(&gltf::Semantic::TexCoords(LIGHTMAP_SET));
     let indices = primitive.indices();
-    for accessor in [Some(positions), uvs.as_ref(), atlas.as_ref(), indices.as_ref()].into_iter().flatten() {
+    let normals = primitive.get(&gltf::Semantic::Normals);
+    let accessors = [Some(positions), uvs.as_ref(), atlas.as_ref(), normals.as_ref(), indices.as_ref()];
+    for accessor in accessors.into_iter().flatten() {
         check_accessor(file, accessor, place)?;
     }
     let count = indices.map_or(positions.count(), |i| i.count());
@@ -295,8 +299,9 @@ fn read_vertices(
     }
     let is = |a: &Accessor, d: Dimensions| a.dimensions() == d;
     let is_pairs = |a: &Option<Accessor>| a.as_ref().is_none_or(|a| is(a, Dimensions::Vec2));
-    if !is(positions, Dimensions::Vec3) || !is_pairs(&uvs) || !is_pairs(&atlas) {
-        return Err(file.error(place, "POSITION must have three, TEXCOORD two numbers"));
+    let are_normals = normals.as_ref().is_none_or(|a| is(a, Dimensions::Vec3));
+    if !is(positions, Dimensions::Vec3) || !are_normals || !is_pairs(&uvs) || !is_pairs(&atlas) {
+        return Err(file.error(place, "POSITION and NORMAL must have three, TEXCOORD two numbers"));
     }
     let reader = primitive.reader(|buffer| file.buffers.get(buffer.index()).map(|bytes| bytes.as_slice()));
     let positions: Vec<Vec3> = reader
@@ -308,6 +313,11 @@ fn read_vertices(
     } else {
         Vec::new()
     };
+    let turned = if to_world.determinant() == 0.0 { Mat4::ZERO } else { to_world.inverse().transpose() };
+    let normals = match reader.read_normals().filter(|_| normals.is_some_and(|a| a.count() > 0)) {
+        Some(normals) => normals.map(|n| packed_normal(turned.transform_vector3(Vec3::from(n)))).collect(),
+        None => Vec::new(),
+    };
     let has_atlas = rule.set != LIGHTMAP_SET && atlas.is_some_and(|a| a.count() > 0);
     let lightmap: Vec<Vec2> = match reader.read_tex_coords(LIGHTMAP_SET).filter(|_| has_atlas) {
         Some(uvs) => uvs.into_f32().map(Vec2::from).collect(),
@@ -317,12 +327,12 @@ fn read_vertices(
         Some(indices) => indices.into_u32().collect(),
         None => (0..positions.len() as u32).collect(),
     };
-    Ok(Some(Vertices { positions, uvs, lightmap, indices }))
+    Ok(Some(Vertices { positions, uvs, normals, lightmap, indices }))
 }
 
 /// Adds the triangles of a primitive, turned round where its node mirrors; else what is wrong with one.
 fn add_faces(mode: Mode, vertices: &Vertices, (material, flipped): (u32, bool), mesh: &mut Mesh) -> Result<(), String> {
-    let Vertices { positions, uvs, lightmap, indices } = vertices;
+    let Vertices { positions, uvs, normals, lightmap, indices } = vertices;
     let object = mesh.objects.len() as u32 - 1;
     let corners = |face: usize| match mode {
         Mode::TriangleStrip if face % 2 == 1 => [indices[face + 1], indices[face], indices[face + 2]],
@@ -352,7 +362,8 @@ fn add_faces(mode: Mode, vertices: &Vertices, (material, flipped): (u32, bool), 
             mesh.lightmap_uvs.push(at.map(|k| lightmap.get(k as usize).copied().unwrap_or(Vec2::NAN)));
         }
         let uvs = at.map(|k| uvs.get(k as usize).copied().unwrap_or_default());
-        mesh.triangles.push(FileTriangle { corners, uvs, material, object });
+        let normals = at.map(|k| normals.get(k as usize).copied().unwrap_or_default());
+        mesh.triangles.push(FileTriangle { corners, uvs, normals, material, object });
     }
     Ok(())
 }

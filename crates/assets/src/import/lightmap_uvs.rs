@@ -52,7 +52,7 @@ impl LightmapUvs {
         let ends = [triangle.corner, triangle.corner + triangle.edge_a, triangle.corner + triangle.edge_b];
         let [corner, corner_a, corner_b] = ends.map(near);
         let is_sound = [corner, corner_a, corner_b].iter().all(|uv| uv.is_finite());
-        is_sound.then_some(TriangleUv { corner, corner_a, corner_b })
+        is_sound.then_some(TriangleUv { corner, corner_a, corner_b, ..TriangleUv::default() })
     }
 
     /// Says what is wrong with coordinates that are no atlas: outside of it, or without extent.

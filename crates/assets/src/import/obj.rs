@@ -1,8 +1,8 @@
 //! OBJ: a pass over the bytes that checks every index and keeps only what is used, then `tobj`.
 //!
 //! `tobj` neither says where a fault is nor bears all indices (its sums overflow), so the checking pass comes first. It
-//! also joins continued lines, replaces bytes that are not UTF-8, and leaves out normals, lines, points and vertex
-//! colours.
+//! also joins continued lines, replaces bytes that are not UTF-8, and leaves out lines, points, vertex colours and
+//! normals that are none.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
@@ -10,7 +10,7 @@ use std::time::Instant;
 
 use glam::{Vec2, Vec3};
 
-use super::draft::{FileTriangle, MaterialDraft, Mesh, check_count, seconds};
+use super::draft::{FileTriangle, MaterialDraft, Mesh, check_count, packed_normal, seconds};
 use super::{ImportError, LoadOptions, mtl, pictures};
 
 /// First line of the text that `tobj` reads, which makes it ask for the materials: those of all libraries of the file,
@@ -138,6 +138,7 @@ fn gather(models: Vec<tobj::Model>, none: u32) -> (Vec<FileTriangle>, Vec<String
         let material = m.material_id.map_or(none, |k| k as u32);
         let position = |k: u32| Vec3::from_slice(&m.positions[3 * k as usize..]);
         let has_uvs = m.texcoord_indices.len() == m.indices.len();
+        let has_normals = m.normal_indices.len() == m.indices.len();
         for (corner, face) in m.indices.chunks_exact(3).enumerate() {
             let uv = |k: usize| {
                 if has_uvs {
@@ -146,9 +147,14 @@ fn gather(models: Vec<tobj::Model>, none: u32) -> (Vec<FileTriangle>, Vec<String
                     Vec2::ZERO
                 }
             };
+            let normal = |k: usize| match m.normal_indices.get(3 * corner + k) {
+                Some(&index) if has_normals => packed_normal(Vec3::from_slice(&m.normals[3 * index as usize..])),
+                _ => 0,
+            };
             triangles.push(FileTriangle {
                 corners: [position(face[0]), position(face[1]), position(face[2])],
                 uvs: [uv(0), uv(1), uv(2)],
+                normals: [normal(0), normal(1), normal(2)],
                 material,
                 object,
             });
@@ -191,9 +197,10 @@ struct Checker<'a> {
     place: Place<'a>,
     /// Checks numbers, too.
     numbers: bool,
-    /// Vertices and texture coordinates so far.
+    /// Vertices, texture coordinates and normals so far.
     positions: i64,
     uvs: i64,
+    normals: i64,
     /// Lines of vertices with a coordinate that is not finite.
     not_finite: BTreeMap<i64, usize>,
     /// Libraries so far: each is read once.
@@ -206,7 +213,16 @@ impl<'a> Checker<'a> {
         let mut out = Checked { text: Vec::with_capacity(bytes + MATERIALS.len()), ..Checked::default() };
         out.text.extend_from_slice(MATERIALS);
         let place = Place { path, line: 0, object: String::from("unnamed_object"), face: 0 };
-        Self { place, numbers, positions: 0, uvs: 0, not_finite: BTreeMap::new(), named: BTreeSet::new(), out }
+        Self {
+            place,
+            numbers,
+            positions: 0,
+            uvs: 0,
+            normals: 0,
+            not_finite: BTreeMap::new(),
+            named: BTreeSet::new(),
+            out,
+        }
     }
 
     /// Checks a whole line.
@@ -216,8 +232,9 @@ impl<'a> Checker<'a> {
         match keyword {
             b"v" => self.vertex(rest)?,
             b"vt" => self.texture_coordinate(rest)?,
+            b"vn" => self.normal(rest),
             b"f" => {
-                let counts = (self.positions, self.uvs);
+                let counts = (self.positions, self.uvs, self.normals);
                 self.out.triangles += check_face(&self.place, rest, counts, &self.not_finite, &mut self.out.text)?;
                 self.place.face += 1;
             }
@@ -260,6 +277,14 @@ impl<'a> Checker<'a> {
             text.extend_from_slice(b" 0\n");
         }
         Ok(())
+    }
+
+    /// A normal; one that is none becomes zero, which is no normal.
+    fn normal(&mut self, rest: &[u8]) {
+        self.normals += 1;
+        let words: Vec<&[u8]> = rest.split(u8::is_ascii_whitespace).filter(|w| !w.is_empty()).take(3).collect();
+        let is_sound = words.len() == 3 && words.iter().all(|w| number(w).is_some_and(f32::is_finite));
+        keep(&mut self.out.text, b"vn", if is_sound { rest } else { b"0 0 0" }, 3);
     }
 
     /// The name of what follows: an object, or the material of its faces.
@@ -333,11 +358,11 @@ fn is_finite(rest: &[u8]) -> bool {
     words.all(|w| number(w).is_some_and(f32::is_finite))
 }
 
-/// Checks a face's indices against what was read so far, copies it without normals, returns its number of triangles.
+/// Checks a face's indices against what was read so far, copies it, returns its number of triangles.
 fn check_face(
     place: &Place,
     rest: &[u8],
-    (positions, uvs): (i64, i64),
+    (positions, uvs, normals): (i64, i64, i64),
     not_finite: &BTreeMap<i64, usize>,
     text: &mut Vec<u8>,
 ) -> Result<usize, ImportError> {
@@ -356,8 +381,8 @@ fn check_face(
         }
         text.push(b' ');
         write_index(text, v);
-        match parts.next() {
-            None | Some(b"") => {}
+        let has_uv = match parts.next() {
+            None | Some(b"") => false,
             Some(part) => {
                 let vt = index(part).ok_or_else(bad)?;
                 let vt = resolve(vt, uvs).ok_or_else(|| {
@@ -367,7 +392,13 @@ fn check_face(
                 })?;
                 text.push(b'/');
                 write_index(text, vt);
+                true
             }
+        };
+        // A normal that is not there is nothing to stop at.
+        if let Some(vn) = parts.next().and_then(index).and_then(|vn| resolve(vn, normals)) {
+            text.extend_from_slice(if has_uv { b"/" } else { b"//" });
+            write_index(text, vn);
         }
     }
     text.push(b'\n');

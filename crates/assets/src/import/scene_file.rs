@@ -203,7 +203,7 @@ fn read_units(text: &Text, table: &SceneTable, setting: &mut Setting) -> Result<
         }
     }
     if let Some(stops) = &table.exposure_stops {
-        setting.exposure_stops = *stops.as_ref();
+        setting.exposure_stops = Some(*stops.as_ref());
         if !(-100.0..=100.0).contains(stops.as_ref()) {
             return Err(text.value(stops.span(), "exposure_stops", "must be a number from -100 to 100"));
         }

@@ -53,7 +53,7 @@ impl Builder {
     /// A triangle, corners counter-clockwise from the front.
     pub fn triangle(&mut self, material: u32, corners: [Vec3; 3], uvs: [Vec2; 3]) {
         let object = self.mesh.objects.len().saturating_sub(1) as u32;
-        self.mesh.triangles.push(FileTriangle { corners, uvs, material, object });
+        self.mesh.triangles.push(FileTriangle { corners, uvs, normals: [0; 3], material, object });
     }
 
     /// A quadrilateral, corners counter-clockwise from the front, as a fan from the first.

@@ -151,7 +151,7 @@ pub fn room_with_a_window(lights: Vec<Light>) -> Scene {
         let value = if bright { 55_000u32 } else { 9000 };
         [value | (value << 16), (value / 2) | if bright { 0xffff_0000 } else { 0 }]
     };
-    let uv = TriangleUv { corner: Vec2::ZERO, corner_a: Vec2::X, corner_b: Vec2::Y };
+    let uv = TriangleUv { corner: Vec2::ZERO, corner_a: Vec2::X, corner_b: Vec2::Y, ..TriangleUv::default() };
     Scene::new(SceneParts {
         uvs: vec![uv; triangles.len()],
         triangles,

@@ -222,7 +222,14 @@ fn add_fragment(scene: &Scene, triangle: usize, fragment: &Fragment, parts: &mut
             let (u, v) = scene.geometry.shares(triangle as u32, p);
             uv.corner + (uv.corner_a - uv.corner) * u + (uv.corner_b - uv.corner) * v
         };
+        let own = TriangleUv { corner: place(a), corner_a: place(b), corner_b: place(c), ..TriangleUv::default() };
+        let normals = uv.normals().map(|[first, second, third]| {
+            [a, b, c].map(|p| {
+                let (u, v) = scene.geometry.shares(triangle as u32, p);
+                first * (1.0 - u - v) + second * u + third * v
+            })
+        });
+        parts.uvs.push(own.with_normals(&cut, normals.unwrap_or_default()));
         parts.triangles.push(cut);
-        parts.uvs.push(TriangleUv { corner: place(a), corner_a: place(b), corner_b: place(c) });
     }
 }

@@ -24,8 +24,9 @@ const MAX_OFFSET: f32 = 0.1;
 
 /// Vertices are moved inwards by this share of an edge between them.
 const INWARDS: f32 = 0.05;
-/// Sides whose places are looked for together.
+/// Sides whose places are looked for together, unless they have more cells than this.
 const BLOCK_SIDES: usize = 1 << 14;
+const BLOCK_CELLS: u32 = 1 << 16;
 /// Most divisions along the edge of a cell.
 const MAX_WITHIN: f32 = 32.0;
 
@@ -94,7 +95,7 @@ impl InterpolationMesh {
         let sides = new.sides(scene);
         // The places on all cores, then the receivers one after the other; in blocks, because places are many.
         let mut welder = Welder::new(scene, density, weld);
-        for block in sides.chunks(BLOCK_SIDES) {
+        for block in blocks(&sides) {
             let mut cells: Vec<Vec<CellPlan>> = block.par_iter().map(|s| side_cells(scene, s, &within)).collect();
             let open: Vec<&mut CellPlan> = cells.iter_mut().flatten().filter(|cell| cell.length.is_none()).collect();
             let middles: Vec<SurfacePoint> = open.iter().map(|cell| cell.middle).collect();
@@ -233,6 +234,22 @@ struct CellPlan {
     length: Option<f32>,
     /// True if it is smaller than that, and has one value.
     is_single: bool,
+}
+
+/// Sides in blocks, so that what is found about them together fits into memory.
+fn blocks(sides: &[Side]) -> Vec<&[Side]> {
+    let mut blocks = Vec::new();
+    let mut first = 0;
+    let mut cells = 0;
+    for (k, side) in sides.iter().enumerate() {
+        cells += cell_count(side.divisions);
+        if cells >= BLOCK_CELLS || k + 1 == sides.len() || k + 1 - first == BLOCK_SIDES {
+            blocks.push(&sides[first..=k]);
+            first = k + 1;
+            cells = 0;
+        }
+    }
+    blocks
 }
 
 /// The cells of a side, with what `within` says of them.

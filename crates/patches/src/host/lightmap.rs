@@ -164,7 +164,7 @@ impl LightmapTexels {
             let [a, b, c] =
                 part.corners.map(|c| (Vec2::new(place[0] as f32, place[1] as f32) + 1.0 + c / self.texel) / atlas);
             self.sides[part.triangle as usize][usize::from(!part.front)] = self.uvs.len() as u32;
-            self.uvs.push(TriangleUv { corner: a, corner_a: b, corner_b: c });
+            self.uvs.push(TriangleUv { corner: a, corner_a: b, corner_b: c, ..TriangleUv::default() });
         }
     }
 

@@ -17,7 +17,7 @@ use scene::sampling::frame;
 use scene::{NONE, SKY_BINS, Scene, Sides, SurfacePoint};
 use transport::{HitCounts, QUADRANTS};
 
-use self::field::{ReceiverField, weighted_sum};
+use self::field::{PointWeights, ReceiverField, weighted_sum};
 use self::refinement::ReceiverSamples;
 use super::focus::Density;
 use super::interpolation_mesh::InterpolationMesh;
@@ -178,8 +178,8 @@ impl<'a> Placement<'a> {
         let mut field = ReceiverField::new(set);
         let mut interpolation = field.interpolation_mesh(sampler, placing.seed)?;
         // An interpolation point that sees no receiver is inside of a solid or behind a wall.
-        let seen = field.visible_weights(&interpolation.points, sampler.walker())?;
-        let mut weights = served_weights(scene, &mut interpolation, seen)?;
+        let mut weights = field.visible_weights(&interpolation.points, sampler.walker())?;
+        retain_served(scene, &mut interpolation, &mut weights)?;
         field = self.serve_orphans(field, &interpolation.points, &mut weights)?;
         let estimates = Estimates::new(&field.set.rows, &field.set.sky_rows, lights, placing.rays)?;
         let smoothing = field.smoothing(&estimates);
@@ -187,17 +187,18 @@ impl<'a> Placement<'a> {
         let points = interpolation.points.par_iter();
         points.zip(&mut weights).for_each(|(point, weights)| field.fit(point, weights, &smooth));
         self.serve_rest(&field, &interpolation.points, &mut weights)?;
-        let mut weights = served_weights(scene, &mut interpolation, weights)?;
-
-        interpolation.permute(&order_by_receivers(&mut weights, field.set.samples.len()))?;
+        retain_served(scene, &mut interpolation, &mut weights)?;
+        let order = order_by_receivers(&weights, field.set.samples.len());
+        interpolation.permute(&order)?;
 
         let samples = &field.set.samples;
         let smoothing = PackedWeights::new(smoothing.len(), |k| {
             smoothing[k].iter().map(|&entry| rotated_weight(samples, samples[k].normal, entry)).collect()
         })?;
         let points = &interpolation.points;
-        let weights = PackedWeights::new(weights.len(), |k| {
-            weights[k].iter().map(|&entry| rotated_weight(samples, points[k].normal, entry)).collect()
+        let weights = PackedWeights::new(order.len(), |k| {
+            let own = &weights[order[k] as usize];
+            own.iter().map(|&entry| rotated_weight(samples, points[k].normal, entry)).collect()
         })?;
         Ok(MeshReceivers {
             points: Arc::new(field.set.points),
@@ -255,7 +256,7 @@ impl<'a> Placement<'a> {
         &self,
         mut field: ReceiverField<'a>,
         points: &[SurfacePoint],
-        weights: &mut [Vec<Entry>],
+        weights: &mut [PointWeights],
     ) -> Result<ReceiverField<'a>, Error> {
         let Self { sampler, placing, .. } = *self;
         let area = field.set.mean_area;
@@ -291,7 +292,7 @@ impl<'a> Placement<'a> {
         &self,
         field: &ReceiverField,
         points: &[SurfacePoint],
-        weights: &mut [Vec<Entry>],
+        weights: &mut [PointWeights],
     ) -> Result<(), Error> {
         let Self { sampler, placing, .. } = *self;
         let rest: Vec<usize> = (0..weights.len()).filter(|&k| weights[k].is_empty()).collect();
@@ -305,15 +306,18 @@ impl<'a> Placement<'a> {
 }
 
 /// Leaves out interpolation points without weights where others of their cell serve, so that no pixel between them
-/// turns dark; gives the weights of those that stay.
-fn served_weights(
+/// turns dark; the weights of those that stay are left.
+fn retain_served(
     scene: &Scene,
     interpolation: &mut InterpolationMesh,
-    mut weights: Vec<Vec<Entry>>,
-) -> Result<Vec<Vec<Entry>>, Error> {
+    weights: &mut Vec<PointWeights>,
+) -> Result<(), Error> {
     let served: Vec<bool> = weights.iter().map(|weights| !weights.is_empty()).collect();
     let kept = interpolation.retain(scene, &served)?;
-    Ok(kept.iter().map(|&k| core::mem::take(&mut weights[k as usize])).collect())
+    // In place, for their order stays.
+    kept.iter().enumerate().for_each(|(k, &before)| weights.swap(k, before as usize));
+    weights.truncate(kept.len());
+    Ok(())
 }
 
 /// An interpolation point as a sample, without an area.
@@ -325,10 +329,10 @@ fn first_smooth(receivers: usize) -> usize {
     (QUADRANTS * receivers).next_multiple_of(ALIGNED)
 }
 
-/// Puts weights of interpolation points into the order of the receivers that they take most from: what is near in space
-/// is near in memory. Returns the order. Those without weights come last.
-fn order_by_receivers(weights: &mut Vec<Vec<Entry>>, receivers: usize) -> Vec<u32> {
-    let greatest = |row: &Vec<Entry>| {
+/// The order of interpolation points by the receivers that they take most from: what is near in space is near in memory.
+/// Those without weights come last.
+fn order_by_receivers(weights: &[PointWeights], receivers: usize) -> Vec<u32> {
+    let greatest = |row: &PointWeights| {
         let most = row.iter().copied().reduce(|a, b| if b.1 > a.1 { b } else { a });
         most.map_or(receivers, |entry| entry.0 as usize)
     };
@@ -344,7 +348,6 @@ fn order_by_receivers(weights: &mut Vec<Vec<Entry>>, receivers: usize) -> Vec<u3
         order[*place as usize] = k;
         *place += 1;
     }
-    *weights = order.iter().map(|&k| core::mem::take(&mut weights[k as usize])).collect();
     order
 }
 

@@ -4,7 +4,7 @@ use alloc::format;
 use alloc::string::String;
 use alloc::vec::Vec;
 
-use glam::{Affine3A, Vec2, Vec3, Vec4};
+use glam::{Affine3A, Mat3, Vec2, Vec3, Vec4};
 
 use super::distribution::Distribution;
 use super::lighting::Lighting;
@@ -112,7 +112,8 @@ pub struct Mesh<'a> {
     /// one.
     pub indices: &'a [u32],
     /// The side that each vertex faces, where that is known: triangles whose corners run the other way round are
-    /// turned. Light is that of flat triangles.
+    /// turned, and pictures shade them as the smooth surface that the normals say. Indirect light is that of flat
+    /// triangles.
     pub normals: &'a [Vec3],
     /// Texture coordinates of each vertex, or none; v = 0 is the bottom row of the picture.
     pub uvs: &'a [Vec2],
@@ -393,6 +394,7 @@ impl SceneBuilder {
             return Err(MeshFault::Corners { corners });
         }
         let is_mirrored = transform.matrix3.determinant() < 0.0;
+        let turned = normal_matrix(&transform);
         for triangle in 0..corners / 3 {
             let mut own = [0, 1, 2].map(|k| match indices.is_empty() {
                 true => (3 * triangle + k) as u32,
@@ -411,18 +413,27 @@ impl SceneBuilder {
                 return Err(MeshFault::NotFinite { triangle });
             }
             let [uv, uv_a, uv_b] = own.map(|vertex| uvs.get(vertex as usize).copied().unwrap_or_default());
-            self.parts.uvs.push(TriangleUv { corner: uv, corner_a: uv_a, corner_b: uv_b });
-            self.parts.triangles.push(Triangle {
+            let new = Triangle {
                 corner,
                 material: material.0,
                 edge_a: second - corner,
                 source: self.parts.triangles.len() as u32,
                 edge_b: third - corner,
                 object: number,
-            });
+            };
+            let uv = TriangleUv { corner: uv, corner_a: uv_a, corner_b: uv_b, ..TriangleUv::default() };
+            let smooth = own.map(|vertex| turned * normals.get(vertex as usize).copied().unwrap_or_default());
+            self.parts.uvs.push(uv.with_normals(&new, smooth));
+            self.parts.triangles.push(new);
         }
         Ok(())
     }
+}
+
+/// The matrix by which normals follow a transform: they stay normal to what is scaled unevenly. Zero where it flattens.
+pub(super) fn normal_matrix(transform: &Affine3A) -> Mat3 {
+    let matrix = Mat3::from(transform.matrix3);
+    if matrix.determinant() == 0.0 { Mat3::ZERO } else { matrix.inverse().transpose() }
 }
 
 /// Faulty parameter of a light, its value, and the rule that it breaks.

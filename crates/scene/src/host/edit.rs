@@ -5,7 +5,7 @@ use alloc::vec::Vec;
 
 use glam::Affine3A;
 
-use super::builder::{BuildError, Mesh, SceneBuilder};
+use super::builder::{BuildError, Mesh, SceneBuilder, normal_matrix};
 use super::lighting::Lighting;
 use super::scene::{Scene, SceneParts};
 use crate::gpu::Material;
@@ -70,15 +70,19 @@ impl SceneEdit {
     /// Moves, turns or scales an object. A transform that mirrors keeps the front in front.
     pub fn transform(&mut self, object: u32, transform: Affine3A) -> &mut Self {
         let is_mirrored = transform.matrix3.determinant() < 0.0;
+        let turned = normal_matrix(&transform);
         let SceneParts { triangles, uvs, .. } = self.builder.parts_mut();
         for (triangle, uv) in triangles.iter_mut().zip(uvs).filter(|(t, _)| t.object == object) {
             triangle.corner = transform.transform_point3(triangle.corner);
             triangle.edge_a = transform.transform_vector3(triangle.edge_a);
             triangle.edge_b = transform.transform_vector3(triangle.edge_b);
+            let mut normals = uv.normals().map(|normals| normals.map(|normal| turned * normal));
             if is_mirrored {
                 core::mem::swap(&mut triangle.edge_a, &mut triangle.edge_b);
                 core::mem::swap(&mut uv.corner_a, &mut uv.corner_b);
+                normals = normals.map(|[first, second, third]| [first, third, second]);
             }
+            *uv = uv.with_normals(triangle, normals.unwrap_or_default());
         }
         self
     }

@@ -16,17 +16,19 @@ use crate::error::Error;
 use crate::gpu::*;
 use crate::kernel::GeometryTables;
 use crate::kernel::bvh::{FAR, Hierarchy, STACK_SIZE, host_occluder};
+use crate::kernel::normal::{pack, unpack};
 
 /// Triangles with their hierarchy, materials and textures: what never changes, shared by all
 /// that use it.
 ///
 /// Tables of one value a triangle are in the order of the hierarchy's leaves.
+#[derive(Clone)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(try_from = "super::stored::Tables"))]
 pub struct Geometry {
     /// Triangles in leaf order, `[n]`.
     #[cfg_attr(feature = "serde", serde(with = "crate::pod::table"))]
     pub triangles: Vec<Triangle>,
-    /// Texture coordinates, `[n]`.
+    /// Texture coordinates and normals, `[n]`.
     #[cfg_attr(feature = "serde", serde(with = "crate::pod::table"))]
     pub uvs: Vec<TriangleUv>,
     /// Materials as they were imported; [`Scene::materials`](crate::Scene::materials) has the
@@ -65,6 +67,11 @@ const OFFSET_OF_COORDINATE: f32 = 1.0 / (1 << 18) as f32;
 const OUTERMOST: f32 = 0.025;
 /// Fewer triangles than this have no outermost.
 const MIN_TRIANGLES: usize = 16;
+
+/// Cosines between the normal of a vertex and that of its triangle: where one is less, the triangle stays flat, and from
+/// the other on it is.
+const MIN_COSINE: f32 = 0.5;
+const FLAT_COSINE: f32 = 0.999_99;
 
 /// The last occluder of a ray, if there has been one.
 #[derive(Clone, Copy, Debug)]
@@ -199,6 +206,25 @@ impl Geometry {
     fn traverse<const ANY: bool>(&self, origin: Vec3, direction: Vec3, t_max: f32) -> Hit {
         let tables = self.tables();
         self.wide.traverse::<ANY>(origin, direction, t_max, |triangle, u, v| tables.is_hole(triangle, u, v))
+    }
+}
+
+impl TriangleUv {
+    /// Normals of the corners; `None` for a flat triangle.
+    pub fn normals(&self) -> Option<[Vec3; 3]> {
+        (self.normal != 0).then(|| [self.normal, self.normal_a, self.normal_b].map(unpack))
+    }
+
+    /// Copy with normals of the corners of a triangle, of any length. It stays flat where they are those of the plane,
+    /// or no directions, or one is more than 60° off: it then belongs to another surface, and light would leak.
+    #[must_use]
+    pub fn with_normals(self, triangle: &Triangle, normals: [Vec3; 3]) -> Self {
+        let flat = triangle.edge_a.cross(triangle.edge_b).normalize_or_zero();
+        let normals = normals.map(Vec3::normalize_or_zero);
+        let least = normals.map(|normal| normal.dot(flat)).into_iter().fold(1.0, f32::min);
+        let is_smooth = (MIN_COSINE..FLAT_COSINE).contains(&least);
+        let [normal, normal_a, normal_b] = if is_smooth { normals.map(pack) } else { [0; 3] };
+        Self { normal, normal_a, normal_b, ..self }
     }
 }
 

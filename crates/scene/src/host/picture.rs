@@ -8,8 +8,74 @@ use glam::Vec3;
 
 use crate::double;
 use crate::error::Error;
+use crate::gpu::{TONE_AGX, TONE_NEUTRAL, TONE_NONE};
 use crate::kernel::shade::encode_srgb;
+use crate::kernel::tone::{displayed, toned};
 use crate::math::{clamp, ln, luminance};
+
+/// Luminance that automatic exposure gives to the geometric mean of a picture: middle grey.
+const MIDDLE_GREY: f32 = 0.18;
+/// Consecutive pixels whose mean luminance counts as one in automatic exposure: noise and small lights do not pull it.
+pub const METERED_PIXELS: u32 = 256;
+
+/// Curve from exposed radiance to what a display shows.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[non_exhaustive]
+pub enum Tone {
+    /// What is brighter than white is cut off.
+    #[default]
+    None,
+    /// AgX: film of 16.5 stops in which bright colours fade to white.
+    Agx,
+    /// Khronos PBR Neutral: colours stay up to 0.8, and near white above.
+    Neutral,
+}
+
+impl Tone {
+    /// All curves.
+    pub const ALL: [Self; 3] = [Self::None, Self::Agx, Self::Neutral];
+
+    /// Its name in options and scripts.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::None => "none",
+            Self::Agx => "agx",
+            Self::Neutral => "neutral",
+        }
+    }
+
+    /// Its number in kernels.
+    pub fn code(self) -> u32 {
+        match self {
+            Self::None => TONE_NONE,
+            Self::Agx => TONE_AGX,
+            Self::Neutral => TONE_NEUTRAL,
+        }
+    }
+}
+
+/// Way from radiance to the colours of a display.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct DisplayTransform {
+    /// Exposure: radiance is multiplied by 2 to this power.
+    pub stops: f32,
+    /// Curve from there to what a display shows.
+    pub tone: Tone,
+}
+
+impl DisplayTransform {
+    /// Exposure alone: what is brighter than white is cut off.
+    pub fn clipped(stops: f32) -> Self {
+        Self { stops, tone: Tone::None }
+    }
+
+    /// Linear colour in [0, 1] that a display shows for a radiance.
+    pub fn color(&self, radiance: Vec3) -> Vec3 {
+        toned(radiance * stops_to_scale(self.stops), self.tone.code())
+    }
+}
 
 /// Linear Rec.709 RGB, row by row from the top: radiance in W/m²/sr unless stated otherwise.
 #[derive(Clone, Debug, PartialEq)]
@@ -51,6 +117,21 @@ impl Picture {
         self.pixels.par_iter().flat_map_iter(|p| (*p * scale).to_array().map(code)).collect()
     }
 
+    /// What a display shows in 8 bits a channel, r g b r g b …
+    pub fn shown_bytes(&self, transform: &DisplayTransform) -> Vec<u8> {
+        let scale = stops_to_scale(transform.stops);
+        let tone = transform.tone.code();
+        let shown = |p: &Vec3| displayed(p.extend(0.0), scale, tone).to_le_bytes();
+        self.pixels.par_iter().flat_map_iter(|p| shown(p).into_iter().take(3)).collect()
+    }
+
+    /// Exposure, stops, that makes the picture neither dark nor bright; 0 for a black picture.
+    pub fn automatic_stops(&self) -> f32 {
+        let means = self.pixels.chunks(METERED_PIXELS as usize);
+        let means = means.map(|own| own.iter().map(|p| luminance(*p)).sum::<f32>() / own.len() as f32);
+        automatic_stops(&means.collect::<Vec<_>>())
+    }
+
     /// Means over whole squares of `edge` × `edge` pixels from the upper left corner; what is left at the right and at
     /// the bottom does not count.
     pub fn block_means(&self, edge: u32) -> Self {
@@ -83,17 +164,7 @@ impl Picture {
     /// Geometric mean of the luminance of the pixels that are brighter than 10⁻⁴ of the mean luminance; 0 for a black
     /// picture.
     pub fn log_average_luminance(&self) -> f32 {
-        let least = 1e-4 * luminance(self.mean());
-        let mut sum = 0.0f64;
-        let mut count = 0u64;
-        for p in &self.pixels {
-            let y = luminance(*p);
-            if y > least {
-                sum += f64::from(ln(y));
-                count += 1;
-            }
-        }
-        if count == 0 { 0.0 } else { double::exp(sum / count as f64) as f32 }
+        log_average(self.pixels.iter().map(|p| luminance(*p)), luminance(self.mean()))
     }
 
     /// Sum of two pictures of one size.
@@ -135,6 +206,24 @@ impl Picture {
         }
         Ok(())
     }
+}
+
+/// Geometric mean of the values that are above 10⁻⁴ of the mean; 0 if none is.
+fn log_average(values: impl Iterator<Item = f32>, mean: f32) -> f32 {
+    let mut sum = 0.0f64;
+    let mut count = 0u64;
+    for y in values.filter(|y| *y > 1e-4 * mean) {
+        sum += f64::from(ln(y));
+        count += 1;
+    }
+    if count == 0 { 0.0 } else { double::exp(sum / count as f64) as f32 }
+}
+
+/// Exposure, stops, that makes the geometric mean of luminances middle grey; 0 where all are 0 or one is no number.
+pub fn automatic_stops(luminances: &[f32]) -> f32 {
+    let mean = luminances.iter().sum::<f32>() / luminances.len().max(1) as f32;
+    let average = log_average(luminances.iter().copied(), mean);
+    if average > 0.0 && average.is_finite() { scale_to_stops(MIDDLE_GREY / average) } else { 0.0 }
 }
 
 /// The factor 2^`stops`.

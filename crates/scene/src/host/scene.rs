@@ -27,7 +27,7 @@ use crate::parallel::*;
 pub struct SceneParts {
     /// Triangles in any order, `[n]`, m.
     pub triangles: Vec<Triangle>,
-    /// Texture coordinates, `[n]`.
+    /// Texture coordinates and normals, `[n]`.
     pub uvs: Vec<TriangleUv>,
     /// Materials.
     pub materials: Vec<Material>,
@@ -150,6 +150,18 @@ impl Scene {
     pub fn set_lights(&mut self, lights: &[Light]) {
         self.lighting.lights.clear();
         self.lighting.lights.extend_from_slice(lights);
+    }
+
+    /// The scene with every triangle flat: pictures then show the surfaces that light is computed for, as most references
+    /// do.
+    #[must_use]
+    pub fn flat(mut self) -> Self {
+        if self.geometry.uvs.iter().any(|uv| uv.normal != 0) {
+            for uv in &mut Arc::make_mut(&mut self.geometry).uvs {
+                *uv = TriangleUv { normal: 0, normal_a: 0, normal_b: 0, ..*uv };
+            }
+        }
+        self
     }
 
     /// The tables that rays need, as the kernels take them, with the emission of the lighting.

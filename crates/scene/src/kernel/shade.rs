@@ -8,7 +8,7 @@ use super::bvh::{FAR, GeometryTables};
 use super::camera::primary_direction;
 use super::light::{Lights, meet_rect, sky_radiance};
 use crate::gpu::{Camera, Hit, NONE};
-use crate::math::{clamp, pow};
+use crate::math::pow;
 
 /// Radiance to the eye, W/m²/sr: `L = L_e + ρ/π (H_d + H)`; the sky, or a rectangle light in front of the surface,
 /// shows its own radiance. `albedo` is that of the surface.
@@ -83,13 +83,4 @@ pub fn encode_srgb(x: f32) -> f32 {
 #[inline]
 pub fn decode_srgb(x: f32) -> f32 {
     if x <= 0.040_45 { x / 12.92 } else { pow((x + 0.055) / 1.055, 2.4) }
-}
-
-/// A displayed pixel: radiance × scale, clamped, sRGB, packed as bytes r, g, b, 255 from the lowest.
-#[inline]
-pub fn tone_map(radiance: Vec4, scale: f32) -> u32 {
-    let r = (encode_srgb(clamp(radiance.x * scale, 0.0, 1.0)) * 255.0 + 0.5) as u32;
-    let g = (encode_srgb(clamp(radiance.y * scale, 0.0, 1.0)) * 255.0 + 0.5) as u32;
-    let b = (encode_srgb(clamp(radiance.z * scale, 0.0, 1.0)) * 255.0 + 0.5) as u32;
-    r | g << 8 | b << 16 | 0xff00_0000
 }

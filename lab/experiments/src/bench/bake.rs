@@ -111,7 +111,7 @@ pub fn run(common: &Common, args: &Bench) -> Result<(), Error> {
     let progress = Progress::new(common.quiet);
     let meter = Meter { progress: &progress, running: Mutex::default(), parts: Mutex::default() };
     let begun = (Instant::now(), ProcessTime::now());
-    let loaded = output::import(scene, &progress)?;
+    let loaded = output::import_flat(scene, &progress)?;
     let import = Part::of(begun.0.elapsed().as_secs_f64(), begun.1.elapsed().as_secs_f64());
     let settings = bake_settings(common, args, &loaded, counts[0] as usize);
     let (mut device, _) = open(&runtime::executor::DeviceChoice::parse(&common.device))?;

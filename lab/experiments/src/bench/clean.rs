@@ -6,7 +6,7 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use reference::metrics::{Faults, compare_pictures, indirect_scale, noise_picture, noise_share};
-use reference::{Judge, Picture, PictureErrors, PictureFile as _, scale_to_stops, stops_to_scale};
+use reference::{DisplayTransform, Judge, Picture, PictureErrors, PictureFile as _, scale_to_stops, stops_to_scale};
 use serde::Serialize;
 
 use super::setup::{Machine, Setup, bake_settings, load};
@@ -150,7 +150,7 @@ fn make_references(common: &Common, args: &Bench, store: &ReferenceStore, progre
     common.native_only("patchlight-bench clean --references")?;
     let paths = args.paths.unwrap_or(PATHS);
     for spec in &args.scenes {
-        let loaded = output::import(spec, progress)?;
+        let loaded = output::import_flat(spec, progress)?;
         let kept = store.make(&loaded, args.size(), paths, progress)?;
         say!("{spec}: {}{}", kept.source, noise_text(kept.noise().as_ref()));
     }
@@ -168,7 +168,7 @@ fn subjects(
     let mut subjects = Vec::new();
     let mut missing = Vec::new();
     for spec in &args.scenes {
-        let loaded = output::import(spec, progress)?;
+        let loaded = output::import_flat(spec, progress)?;
         let truth = match (&references.folder, args.paths) {
             (Some(folder), _) => KeptReference::of_folder(folder, &loaded.name)?,
             (None, Some(paths)) => Some(store.make(&loaded, args.size(), paths, progress)?),
@@ -286,7 +286,7 @@ fn sum(a: &Pictures, b: &Pictures) -> Result<Pictures, Error> {
 /// Writes the pictures of a scene into its folder and reads them for the report.
 fn write_figures(folder: &Path, subject: &Subject, shown: &Shown) -> Result<Vec<Figure>, Error> {
     let Subject { loaded, truth, .. } = subject;
-    output::write_pictures(folder, &shown.first, loaded.exposure_stops)?;
+    output::write_pictures(folder, &shown.first, &DisplayTransform::clipped(loaded.exposure_stops))?;
     let stops = loaded.exposure_stops;
     let scale = indirect_scale(&truth.pictures.indirect);
     let indirect_stops = scale_to_stops(scale);

@@ -211,7 +211,7 @@ fn introduction(machine: &Machine) -> Vec<String> {
 
 fn measure(common: &Common, args: &Bench, name: &str, measured: &mut Measured) -> Result<(), Error> {
     let progress = Progress::new(common.quiet);
-    let mut loaded = output::import(name, &progress)?;
+    let mut loaded = output::import_flat(name, &progress)?;
     loaded.scene.lighting.lights = lamps(&loaded);
     loaded.scene.lighting.sky = Sky::default();
     loaded.scene.emitters = Arc::default();

@@ -161,7 +161,7 @@ pub fn run(common: &Common, args: &Bench) -> Result<(), Error> {
     };
     for scene in scenes {
         let progress = Progress::new(common.quiet);
-        let loaded = output::import(scene, &progress)?;
+        let loaded = output::import_flat(scene, &progress)?;
         let measuring = Measuring { common, args, loaded: &loaded, progress: &progress };
         for &count in &counts {
             measuring.measure(count as usize, &mut keep)?;

@@ -112,7 +112,7 @@ pub fn run(common: &Common, args: &Bench) -> Result<(), Error> {
     };
     for scene in scenes {
         let progress = Progress::new(common.quiet);
-        let loaded = output::import(scene, &progress)?;
+        let loaded = output::import_flat(scene, &progress)?;
         let truth = Truth::find(args.reference_folder(), &loaded)?;
         for &count in &counts {
             let measuring = Measuring { common, args, loaded: &loaded, truth: truth.as_ref() };

@@ -191,7 +191,12 @@ fn textured(scene: &Scene) -> Result<Scene, Error> {
             };
             let at = |p: Vec3| flat(p - low) * repeats;
             let Triangle { corner, edge_a, edge_b, .. } = *t;
-            TriangleUv { corner: at(corner), corner_a: at(corner + edge_a), corner_b: at(corner + edge_b) }
+            TriangleUv {
+                corner: at(corner),
+                corner_a: at(corner + edge_a),
+                corner_b: at(corner + edge_b),
+                ..TriangleUv::default()
+            }
         };
         parts.uvs = parts.triangles.iter().map(coordinates).collect();
     })

@@ -296,7 +296,7 @@ fn measure(
     rows: &mut Vec<Row>,
 ) -> Result<(), Error> {
     let progress = &Progress::new(common.quiet);
-    let loaded = output::import(name, progress)?;
+    let loaded = output::import_flat(name, progress)?;
     let scene = &loaded.scene;
     let estimator = Estimator::Hemisphere { rays: args.rays };
     let settings = BakeSettings::default().with_patches(kind).with_patch_count(count);

@@ -107,7 +107,7 @@ pub fn one_scene(
     keep: &Keep,
 ) -> Result<SceneResult, Error> {
     let progress = Progress::new(common.quiet);
-    let loaded = output::import(scene, &progress)?;
+    let loaded = output::import_flat(scene, &progress)?;
     MethodSettings::Classic.check_medium(&loaded.scene)?;
     progress.note(&format!("{}: reference", loaded.name));
     let truth = match Truth::find(args.reference_folder(), &loaded)? {

@@ -75,7 +75,7 @@ pub fn run(common: &Common, args: &Bench) -> Result<(), Error> {
     let scene = one_scene(args, SCENE, "refine")?;
     let Setup { out, machine, counts, .. } = Setup::new(common, args, "refine", &[], &[COUNT])?;
     let progress = Progress::new(common.quiet);
-    let loaded = output::import(scene, &progress)?;
+    let loaded = output::import_flat(scene, &progress)?;
     let truth = match Truth::find(args.reference_folder(), &loaded)? {
         Some(truth) => truth,
         None => {

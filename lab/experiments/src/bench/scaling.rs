@@ -129,7 +129,7 @@ impl Study for Scaling {
         }
         let scenes = if args.quick { &SMALL_SCENES[..] } else { &SCENES };
         for spec in scenes {
-            let other = output::import(spec, place.progress)?;
+            let other = output::import_flat(spec, place.progress)?;
             rows.extend(over_triangles(place, &other)?);
         }
         rows.extend(over_lights(place, loaded)?);

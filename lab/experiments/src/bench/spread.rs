@@ -83,7 +83,7 @@ pub fn run(common: &Common, args: &Bench) -> Result<(), Error> {
     let mut sections = Vec::new();
     for scene in scenes {
         let progress = Progress::new(common.quiet);
-        let loaded = output::import(scene, &progress)?;
+        let loaded = output::import_flat(scene, &progress)?;
         for &count in &counts {
             let found = interruptible(|| measure(common, args, &loaded, count as usize, &progress))?;
             let section = section(&found);

@@ -170,7 +170,7 @@ pub fn run<S: Study>(common: &Common, args: &Bench) -> Result<(), Error> {
         let args = if is_shared { &small } else { args };
         let circumstances = Circumstances::new(common, args, &machine, counts[0]);
         let progress = Progress::new(common.quiet);
-        for loaded in S::variants(output::import(&spec, &progress)?)? {
+        for loaded in S::variants(output::import_flat(&spec, &progress)?)? {
             let folder = out.join(file_name(&loaded.name));
             output::make_folder(&folder)?;
             let place = Place { common, args, progress: &progress, patches: counts[0] as usize, out: &out, folder };

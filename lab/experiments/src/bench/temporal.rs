@@ -107,7 +107,7 @@ pub fn run(common: &Common, args: &Bench) -> Result<(), Error> {
         |rows: &[Row]| output::json(&Results { name: "temporal", machine: &machine, seed: common.seed, rows });
     for scene in scenes {
         let progress = Progress::new(common.quiet);
-        let loaded = output::import(scene, &progress)?;
+        let loaded = output::import_flat(scene, &progress)?;
         let truth = match Truth::find(args.reference_folder(), &loaded)? {
             Some(truth) => truth,
             None => {

@@ -181,7 +181,7 @@ pub fn run(common: &Common, args: &Bench) -> Result<(), Error> {
     let mut text = String::new();
     for scene in scenes {
         let progress = Progress::new(common.quiet);
-        let loaded = output::import(scene, &progress)?;
+        let loaded = output::import_flat(scene, &progress)?;
         patchlight::MethodSettings::Classic.check_medium(&loaded.scene)?;
         let study = Study { common, args, loaded: &loaded, counts: counts.clone(), out: &out, progress: &progress };
         let Outcome { rows, tables, plots } = (figure.measure)(&study)?;

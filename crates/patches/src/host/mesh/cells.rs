@@ -27,6 +27,8 @@ const SIMILAR_ALBEDO: f32 = 0.25;
 /// Weight of a difference of 1 in albedo in the choice, in sample edges: thin dark things have few samples, and must
 /// not shine like the bright wall beside them.
 const ALBEDO_WEIGHT: f32 = 10.0;
+/// Triangles whose cells are chosen together: a choice takes ten times the memory of an element.
+const BLOCK_TRIANGLES: usize = 1 << 13;
 /// Random walks of the reachability test of a place that sees no sample.
 const WALKS: u32 = 2;
 /// Changes their random numbers.
@@ -49,23 +51,37 @@ pub(super) fn cell_elements(
     edge: f32,
 ) -> Result<Vec<u32>, Error> {
     let search = ElementSearch::new(scene, density, samples, owner, edge);
-    let triangles = (0..grids.len()).into_par_iter();
-    let found: Vec<Choice> = triangles.flat_map_iter(|t| search.triangle(t as u32, grids[t].divisions)).collect();
-    settled(walker, scene, found)
+    settled(walker, scene, grids.len(), |t| search.triangle(t as u32, grids[t].divisions))
 }
 
-/// The elements that were chosen, where light comes to the cells that see no sample.
+/// The elements that `choose` names for the cells of each triangle, where light comes to those that see no sample.
 ///
 /// # Errors
 /// What the walker says.
-pub(super) fn settled(walker: Option<&dyn Walker>, scene: &Scene, found: Vec<Choice>) -> Result<Vec<u32>, Error> {
-    let hidden: Vec<SurfacePoint> = found.iter().filter_map(|choice| choice.place).collect();
-    let mut open = are_open(walker, scene, &hidden, WALKS)?.into_iter();
-    let element = |choice: Choice| match choice.place {
-        Some(_) if open.next() != Some(true) => NONE,
-        _ => choice.element,
-    };
-    Ok(found.into_iter().map(element).collect())
+pub(super) fn settled(
+    walker: Option<&dyn Walker>,
+    scene: &Scene,
+    triangles: usize,
+    choose: impl Fn(usize) -> Vec<Choice> + Sync,
+) -> Result<Vec<u32>, Error> {
+    let mut elements = Vec::new();
+    let mut hiding = Vec::new();
+    let mut hidden = Vec::new();
+    for first in (0..triangles).step_by(BLOCK_TRIANGLES) {
+        let block = first..triangles.min(first + BLOCK_TRIANGLES);
+        for choice in block.into_par_iter().flat_map_iter(&choose).collect::<Vec<Choice>>() {
+            if let Some(place) = choice.place {
+                hiding.push(elements.len());
+                hidden.push(place);
+            }
+            elements.push(choice.element);
+        }
+    }
+    let open = are_open(walker, scene, &hidden, WALKS)?;
+    for (cell, _) in hiding.into_iter().zip(open).filter(|(_, is_open)| !is_open) {
+        elements[cell] = NONE;
+    }
+    Ok(elements)
 }
 
 /// The element of a cell, or [`NONE`].

@@ -379,16 +379,14 @@ impl Lookup<'_> {
         let sample_edge = edge(self.old.points.len());
         let search = ElementSearch::new(scene, density, &edit.samples, &edit.owner, sample_edge);
         let columns = &edit.columns;
-        let choices = (0..divisions.len()).into_par_iter().flat_map_iter(|t| match self.stays(scene, t, columns) {
+        edit.mesh.cells = settled(sampler.walker(), scene, divisions.len(), |t| match self.stays(scene, t, columns) {
             Some(same) => {
                 let now = |cell: u32| now(columns, self.old.cells[cell as usize]);
                 let element = |cell: u32| Choice { element: now(cell), place: None };
                 both_sides(&self.old.grids[same as usize]).map(|(_, cell)| element(cell)).collect()
             }
             None => search.triangle(t as u32, divisions[t]),
-        });
-        let found: Vec<Choice> = choices.collect();
-        edit.mesh.cells = settled(sampler.walker(), scene, found)?;
+        })?;
         Ok(())
     }
 

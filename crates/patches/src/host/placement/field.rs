@@ -3,6 +3,7 @@
 use alloc::vec;
 use alloc::vec::Vec;
 
+use arrayvec::ArrayVec;
 use glam::{Mat2, Vec2, Vec3, Vec4};
 #[cfg(not(feature = "std"))]
 use num_traits::Float as _;
@@ -62,6 +63,9 @@ const WELD: f32 = 0.25;
 /// Receivers whose distances give the distance between interpolation points: one and its
 /// neighbours.
 const SPACED: usize = 5;
+
+/// Weights of an interpolation point: millions are held at once.
+pub(super) type PointWeights = ArrayVec<Entry, NEIGHBOURS>;
 
 /// Receivers in space.
 pub(super) struct ReceiverField<'a> {
@@ -137,7 +141,7 @@ impl<'a> ReceiverField<'a> {
         &self,
         points: &[SurfacePoint],
         walker: Option<&dyn Walker>,
-    ) -> Result<Vec<Vec<Entry>>, Error> {
+    ) -> Result<Vec<PointWeights>, Error> {
         let Some(walker) = walker else {
             let weights = |point: &SurfacePoint| {
                 let mut choice = self.choice(point);
@@ -172,7 +176,7 @@ impl<'a> ReceiverField<'a> {
     }
 
     /// Weights of the nearest receivers, whether the point sees them or not.
-    pub fn nearest_weights(&self, point: &SurfacePoint) -> Vec<Entry> {
+    pub fn nearest_weights(&self, point: &SurfacePoint) -> PointWeights {
         let mut choice = self.choice(point);
         choice.take(|_| true);
         choice.weights()
@@ -215,7 +219,7 @@ impl<'a> ReceiverField<'a> {
     /// Makes the weights of an interpolation point those of a linear fit through its receivers, as
     /// far as under every light the value stays between the least and the greatest of theirs.
     /// `smooth` are the receivers' smoothed values.
-    pub fn fit(&self, point: &SurfacePoint, weights: &mut Vec<Entry>, smooth: &[Lights]) {
+    pub fn fit(&self, point: &SurfacePoint, weights: &mut PointWeights, smooth: &[Lights]) {
         let changes = self.linear_changes(point.into(), weights, RIDGE);
         let mean = weighted_sum(weights, smooth);
         let step: Vec<Entry> = weights.iter().zip(&changes).map(|(w, change)| (w.0, w.1 * change)).collect();
@@ -238,7 +242,7 @@ impl<'a> ReceiverField<'a> {
         }
         let share = share.max(0.0);
         let changed = weights.iter().zip(changes).map(|(entry, change)| (entry.0, entry.1 * (1.0 + share * change)));
-        let mut fitted: Vec<Entry> = changed.filter(|entry| entry.1.abs() >= MIN_WEIGHT).collect();
+        let mut fitted: PointWeights = changed.filter(|entry| entry.1.abs() >= MIN_WEIGHT).collect();
         let total: f32 = fitted.iter().map(|w| w.1).sum();
         // Where more receivers are equally far than are taken, their weights sum to less than 1; a steep fit takes the
         // rest.
@@ -296,18 +300,16 @@ impl Choice {
     }
 
     /// Their weights.
-    fn weights(self) -> Vec<Entry> {
+    fn weights(self) -> PointWeights {
         let mut kept = self.kept;
-        let Some(&(_, last)) = kept.last() else { return kept };
+        let Some(&(_, last)) = kept.last() else { return PointWeights::new() };
         let range = if kept.len() > NEIGHBOURS { last } else { 2.0 * last };
         let weights = shepard_weights(&kept, range);
         let total: f32 = weights.iter().sum();
         for (entry, weight) in kept.iter_mut().zip(weights) {
             entry.1 = weight / total;
         }
-        kept.truncate(NEIGHBOURS);
-        kept.shrink_to_fit();
-        kept
+        kept.into_iter().take(NEIGHBOURS).collect()
     }
 }
 

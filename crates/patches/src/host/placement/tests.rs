@@ -118,7 +118,7 @@ fn points_that_look_together_take_the_receivers_that_each_would_take() {
     };
     let points: Vec<SurfacePoint> = (0..400).map(point).collect();
     let alone = field.visible_weights(&points, None).unwrap();
-    let beyond = |(point, own): (&SurfacePoint, &Vec<Entry>)| {
+    let beyond = |(point, own): (&SurfacePoint, &PointWeights)| {
         own.iter().any(|w| (field.set.samples[w.0 as usize].position.x > 5.0) != (point.position.x > 5.0))
     };
     assert!(!points.iter().zip(&alone).any(beyond), "nobody sees through the wall");
