@@ -86,7 +86,7 @@ pub struct Render {
     #[command(flatten)]
     pub methods: MethodOptions,
     /// Method for direct light of large lights and the sky at pixels.
-    #[arg(long, value_enum, default_value_t = DirectLight::Smooth, help_heading = "Picture")]
+    #[arg(long, value_enum, default_value_t = DirectLight::Smooth, help_heading = RESEARCH)]
     pub direct: DirectLight,
     /// Folder with full.exr, indirect.exr and points.csv to compare with.
     ///

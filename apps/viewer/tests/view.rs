@@ -17,7 +17,7 @@ use patchlight::{
 };
 use program::{command, fails, leftovers, run, text};
 use runtime::cpu::Cpu;
-use scene::{Lighting, stops_to_scale};
+use scene::{DisplayTransform, Lighting, Picture, Tone};
 use shell::args::common::FocusChoice;
 
 /// Size of the window, pixels.
@@ -137,6 +137,11 @@ fn write(folder: &Path, script: &str) -> String {
 
 /// A picture of the library as it is displayed: bytes red, green, blue.
 fn picture(bake: &str, method: MethodSettings, size: (u32, u32), change: impl Fn(&mut Lighting)) -> Vec<u8> {
+    linear_picture(bake, method, size, change).shown_bytes(&transform(&assets::load_or_build("cornell").unwrap()))
+}
+
+/// The picture itself.
+fn linear_picture(bake: &str, method: MethodSettings, size: (u32, u32), change: impl Fn(&mut Lighting)) -> Picture {
     let opened = Bake::open(bake.as_ref()).unwrap();
     let description = std::str::from_utf8(&opened.origin.application).unwrap().to_owned();
     let loaded = assets::LoadedScene::of_description(opened.bake.scene().clone(), &description).unwrap();
@@ -147,8 +152,12 @@ fn picture(bake: &str, method: MethodSettings, size: (u32, u32), change: impl Fn
     let mut renderer =
         PictureRenderer::of_bake(Arc::new(opened.bake), Box::new(Cpu::new()), &light, &pictures, &Silent).unwrap();
     let camera = loaded.view.camera(size.0, size.1);
-    let done = renderer.picture(&lighting, &camera, 0).unwrap();
-    done.pictures.full.displayed_bytes(stops_to_scale(loaded.exposure_stops))
+    renderer.picture(&lighting, &camera, 0).unwrap().pictures.full
+}
+
+/// Exposure and tone curve of a built-in scene's pictures.
+fn transform(loaded: &assets::LoadedScene) -> DisplayTransform {
+    DisplayTransform { stops: loaded.exposure_stops, tone: Tone::Agx }
 }
 
 /// A screenshot: size, bytes red, green, blue.
@@ -238,11 +247,47 @@ fn a_scene_is_shown_before_its_bake_is_done_and_ends_as_that() {
     let mut renderer = PictureRenderer::of_bake(bake, Box::new(Cpu::new()), &light, &pictures, &Silent).unwrap();
     let camera = loaded.view.camera(SIZE.0, SIZE.1);
     let expected = renderer.picture(&loaded.scene.lighting, &camera, 0).unwrap().pictures.full;
-    let expected = expected.displayed_bytes(stops_to_scale(loaded.exposure_stops));
+    let expected = expected.shown_bytes(&transform(&loaded));
     assert_eq!(difference(&screenshot(&folder.path().join("last.png")).1, &expected).1, 0);
     // The first level is a picture of the same room, and another one.
     let (greatest, wrong) = difference(&screenshot(&folder.path().join("first.png")).1, &expected);
     assert!(wrong > 100 && greatest < 128, "{greatest} {wrong}");
+}
+
+#[test]
+fn exposure_follows_what_is_seen_and_curves_are_chosen() {
+    let Some(display) = Xvfb::start() else { return };
+    let (folder, path) = baked();
+    let script = "panels off
+         exposure auto
+         wait 60
+         screenshot film.png
+         tone neutral
+         wait 1
+         screenshot neutral.png
+         exposure -1
+         tone none
+         wait 1
+         screenshot dark.png
+         quit";
+    show(&display, folder.path(), &path, script, &["--method", "classic", "--exposure", "5"]);
+    let picture = linear_picture(&path, MethodSettings::Classic, SIZE, |_| {});
+    let automatic = picture.automatic_stops();
+    for (name, stops, tone, most) in [
+        ("film.png", automatic, Tone::Agx, 4),
+        ("neutral.png", automatic, Tone::Neutral, 4),
+        ("dark.png", -1.0, Tone::None, 1),
+    ] {
+        let shown = screenshot(&folder.path().join(name)).1;
+        let transform = DisplayTransform { stops, tone };
+        assert!(difference(&shown, &picture.shown_bytes(&transform)).0 <= most, "{name}");
+        let brighter = DisplayTransform { stops: stops + 0.3, tone };
+        assert!(difference(&shown, &picture.shown_bytes(&brighter)).0 > most, "{name}: a third of a stop is noticed");
+    }
+    let output = display.run(&[&path, "--exposure", "bright"]);
+    assert_eq!(output.status.code(), Some(2));
+    let refused = text(&output.stderr);
+    assert!(refused.contains("bright") && refused.contains("auto"), "{refused}");
 }
 
 #[test]
@@ -266,7 +311,7 @@ fn edges_become_smooth_while_nothing_moves() {
     let bake = Arc::new(opened.bake);
     let mut renderer = PictureRenderer::of_bake(bake, Box::new(Cpu::new()), &light, &pictures, &Silent).unwrap();
     let expected = renderer.picture(&lighting, &loaded.view.camera(SIZE.0, SIZE.1), 0).unwrap().pictures.full;
-    let expected = expected.displayed_bytes(stops_to_scale(loaded.exposure_stops));
+    let expected = expected.shown_bytes(&transform(&loaded));
     let error = |name: &str| {
         let (size, shown) = screenshot(&folder.path().join(name));
         assert_eq!(size, SIZE, "{name}");
@@ -300,7 +345,7 @@ fn light_follows_an_object_that_is_moved() {
     let mut renderer = PictureRenderer::of_bake(moved, Box::new(Cpu::new()), &light, &pictures, &Silent).unwrap();
     let lighting = opened.bake.scene().lighting.clone();
     let expected = renderer.picture(&lighting, &loaded.view.camera(SIZE.0, SIZE.1), 0).unwrap().pictures.full;
-    let expected = expected.displayed_bytes(stops_to_scale(loaded.exposure_stops));
+    let expected = expected.shown_bytes(&transform(&loaded));
     assert_eq!(difference(&screenshot(&folder.path().join("after.png")).1, &expected).1, 0);
     let (greatest, wrong) = difference(&screenshot(&folder.path().join("before.png")).1, &expected);
     assert!(wrong > 1000 && greatest > 64, "the block stands elsewhere: {greatest} {wrong}");

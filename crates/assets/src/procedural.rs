@@ -14,6 +14,7 @@
 //! | `clutter` | a room full of thin-legged chairs, knobs and frames, with a small patch of sun |
 //! | `window` | a room lit by the sky alone, through the panes of a window |
 //! | `corridor` | a corridor lit round two corners |
+//! | `islands` | open boxes in the air under a sun and a very dim sky |
 //!
 //! `NAME:KEY=VALUE,KEY=VALUE` gives parameters ([`BUILT_IN`]); `ground` is one of all scenes.
 
@@ -33,6 +34,7 @@ mod city;
 mod clutter;
 mod cornell;
 mod corridor;
+mod islands;
 mod office;
 mod pattern;
 mod rooms;
@@ -94,6 +96,7 @@ pub fn build(spec: &str) -> Result<LoadedScene, ImportError> {
         "clutter" => clutter::build(&values),
         "window" => window::build(&values),
         "corridor" => corridor::build(&values),
+        "islands" => islands::build(&values),
         _ => Ok(boxes::furnace()),
     }
     .map_err(|(key, reason)| fault(format!("{key}: {reason}")))?;

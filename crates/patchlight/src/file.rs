@@ -1,6 +1,6 @@
 //! Bakes in files: written stage by stage, gone on with after an interruption, and opened without the scene's files.
 //!
-//! # Format, version 8
+//! # Format, version 9
 //!
 //! | part | bytes |
 //! |---|---|

@@ -1,8 +1,10 @@
 //! Counter-based random numbers and low-discrepancy points: the same numbers on CPU and GPU, for any thread count.
 
+use core::f32::consts::PI;
+
 use glam::Vec3;
 
-use crate::math::{sin_cos_2pi, sqrt};
+use crate::math::{atan2, clamp, sin_cos_2pi, sqrt};
 
 /// PCG-RXS-M-XS hash of one word (Jarzynski and Olano 2020, "Hash Functions for GPU Rendering").
 #[inline]
@@ -129,6 +131,52 @@ pub fn uniform_triangle(u: (f32, f32)) -> (f32, f32) {
     }
 }
 
+/// Direction to a point of a triangle, uniform in solid angle, and the solid angle of the triangle, sr, for the unit
+/// directions to its corners and a point of the unit square (Arvo 1995). The solid angle is 0 where the corners lie nearly
+/// on one great circle.
+#[inline]
+pub fn spherical_triangle([a, b, c]: [Vec3; 3], at: (f32, f32)) -> (Vec3, f32) {
+    let ab = a.cross(b);
+    let bc = b.cross(c);
+    let ca = c.cross(a);
+    let alpha = angle(ab, -ca);
+    let area = alpha + angle(bc, -ab) + angle(ca, -bc) - PI;
+    if area < MIN_SOLID_ANGLE {
+        return (a, 0.0);
+    }
+    // The point on the great circle through a and c whose triangle with a and b has this share of the area.
+    let (sin_alpha, cos_alpha) = sin_cos_2pi(alpha * (0.5 / PI));
+    let (sin_part, cos_part) = sin_cos_2pi(at.0 * area * (0.5 / PI));
+    let sin_phi = cos_part * sin_alpha - sin_part * cos_alpha;
+    let cos_phi = -cos_part * cos_alpha - sin_part * sin_alpha;
+    let k1 = cos_phi + cos_alpha;
+    let k2 = sin_phi - sin_alpha * a.dot(b);
+    let above = k2 + (k2 * cos_phi - k1 * sin_phi) * cos_alpha;
+    let below = (k2 * sin_phi + k1 * cos_phi) * sin_alpha;
+    let cos_b = clamp(if below != 0.0 { above / below } else { 1.0 }, -1.0, 1.0);
+    let on_side = a * cos_b + across(c, a) * sqrt(1.0 - cos_b * cos_b);
+    let z = 1.0 - at.1 * (1.0 - on_side.dot(b));
+    let direction = b * z + across(on_side, b) * sqrt(clamp(1.0 - z * z, 0.0, 1.0));
+    (direction * (1.0 / direction.length()), area)
+}
+
+/// Solid angles below this are 0, sr: single precision loses them.
+const MIN_SOLID_ANGLE: f32 = 1e-3;
+
+/// Angle between two vectors.
+#[inline]
+fn angle(a: Vec3, b: Vec3) -> f32 {
+    atan2(a.cross(b).length(), a.dot(b))
+}
+
+/// Unit vector at right angles to a unit vector, in its plane with another one; zero where they are one.
+#[inline]
+fn across(vector: Vec3, axis: Vec3) -> Vec3 {
+    let rest = vector - axis * vector.dot(axis);
+    let length = rest.length();
+    if length > 0.0 { rest * (1.0 / length) } else { Vec3::ZERO }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -196,5 +244,44 @@ mod tests {
             let (a, b) = uniform_triangle(hammersley(k, 4096, (hash(3), hash(4))));
             assert!(a >= 0.0 && b >= 0.0 && a + b <= 1.0 + 1e-6);
         }
+    }
+
+    #[test]
+    fn spherical_triangles_are_met_evenly() {
+        // An octant: π/2 sr; the mean direction of a uniform one has equal parts.
+        let octant = [Vec3::X, Vec3::Y, Vec3::Z];
+        let flat = [Vec3::new(1.0, 0.0, 0.1), Vec3::new(0.4, 1.0, 0.1), Vec3::new(-0.9, 0.2, 0.1)].map(Vec3::normalize);
+        for corners in [octant, flat, [octant[2], octant[1], octant[0]]] {
+            let count = 40_000;
+            let mut mean = Vec3::ZERO;
+            let mut expected = Vec3::ZERO;
+            let mut inside = 0;
+            let mut area = 0.0;
+            let holds = |d: Vec3| {
+                let side = |a: Vec3, b: Vec3| a.cross(b).dot(d) >= -1e-5;
+                let [a, b, c] = corners;
+                let turn = a.cross(b).dot(c) > 0.0;
+                [(a, b), (b, c), (c, a)].iter().all(|&(a, b)| if turn { side(a, b) } else { side(b, a) })
+            };
+            for k in 0..count {
+                let (direction, solid_angle) = spherical_triangle(corners, hammersley(k, count, (0, 0)));
+                assert!((direction.length() - 1.0).abs() < 1e-5 && holds(direction), "{direction}");
+                area = solid_angle;
+                mean += direction / count as f32;
+                // The whole sphere, for comparison.
+                let (u, v) = hammersley(k, count, (7, 9));
+                let z = 2.0 * u - 1.0;
+                let (sin, cos) = sin_cos_2pi(v);
+                let other = Vec3::new(cos, sin, 0.0) * sqrt(1.0 - z * z) + Vec3::Z * z;
+                if holds(other) {
+                    inside += 1;
+                    expected += other;
+                }
+            }
+            let share = inside as f32 / count as f32 * 4.0 * PI;
+            assert!((area - share).abs() < 0.02, "{area} sr beside {share}");
+            assert!(mean.distance(expected / inside as f32) < 6e-3, "{mean} beside {}", expected / inside as f32);
+        }
+        assert_eq!(spherical_triangle([Vec3::X, Vec3::Y, Vec3::new(1.0, 1.0, 0.0).normalize()], (0.5, 0.5)).1, 0.0);
     }
 }

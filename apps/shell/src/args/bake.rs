@@ -24,7 +24,7 @@ pub struct BakeOptions {
     /// Distance between receivers where light is even, m.
     ///
     /// Receivers are the points at which indirect light is gathered [default: a third of the patches' mean edge].
-    #[arg(long, value_name = "METRES", value_parser = parse_metres, help_heading = "Bake")]
+    #[arg(long, value_name = "METRES", value_parser = parse_metres, help_heading = RESEARCH)]
     pub receiver_edge: Option<f32>,
     /// Most receivers; where light bends they stand closer.
     ///

@@ -12,9 +12,9 @@ const MAX_STOPS: f32 = 100.0;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
 pub enum Curve {
     /// Film in which bright colours fade to white.
+    #[default]
     Agx,
     /// Khronos PBR Neutral: colours stay up to 0.8, and near white above.
-    #[default]
     Neutral,
     /// What is brighter than white is cut off.
     None,
@@ -53,7 +53,9 @@ pub enum Exposure {
 /// Options of pictures that are shown; numbers and EXR files stay as they are.
 #[derive(Args, Clone, Copy, Debug)]
 pub struct DisplayOptions {
-    /// Tone curve of what is shown; EXR stays linear.
+    /// Tone curve.
+    ///
+    /// Of what is shown, in windows and PNG files; EXR files stay linear, and comparisons are of light.
     #[arg(long, value_enum, default_value_t, help_heading = "Picture")]
     pub tone: Curve,
     /// Exposure: STOPS, or auto [default: the scene's, else auto].
@@ -65,8 +67,10 @@ pub struct DisplayOptions {
         help_heading = "Picture"
     )]
     pub exposure: Option<Exposure>,
-    /// Normals of surfaces [default: smooth; with --reference flat].
-    #[arg(long, value_enum, help_heading = "Picture")]
+    /// Normals: smooth or flat [default: smooth; with --reference flat].
+    ///
+    /// Smooth ones are interpolated between the vertices of a file that has normals.
+    #[arg(long, value_enum, hide_possible_values = true, help_heading = "Picture")]
     pub normals: Option<Normals>,
 }
 

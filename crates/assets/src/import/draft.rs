@@ -29,6 +29,12 @@ const JUDGED_AT_ONCE: usize = 1 << 16;
 /// Greatest coordinate, m: areas of larger triangles leave the range of single precision.
 const COORDINATE_LIMIT: f32 = 1e9;
 
+/// Least diagonal of a scene, m: products of smaller edges leave the range in which rays are told apart.
+const SIZE_LIMIT: f32 = 1e-3;
+/// Steps of coordinates, as shares of the diagonal, from which a scene is refused, and from which its user is warned.
+const COARSE: f32 = 1e-3;
+const UNEVEN: f32 = 1e-5;
+
 /// A material as files have it.
 #[derive(Clone, Debug)]
 pub struct MaterialDraft {
@@ -291,6 +297,7 @@ pub fn finish(mut mesh: Mesh, setting: Setting, options: &LoadOptions) -> Result
         source => ImportError::Scene { path: path.clone(), source },
     })?;
     timings.push(("hierarchy", seconds(start)));
+    check_size(path, scene.geometry.bounds, &mut warnings)?;
 
     let view = setting.view.or_else(|| mesh.view.map(|v| scaled(v, setting.metres_per_unit)));
     let view = view.unwrap_or_else(|| frame_bounds(scene.geometry.bounds));
@@ -316,6 +323,27 @@ pub fn finish(mut mesh: Mesh, setting: Setting, options: &LoadOptions) -> Result
         lightmap_uvs,
         timings,
     })
+}
+
+/// Refuses what is too small for rays, or too far from the origin for its size; warns of what nearly is.
+fn check_size(path: &Path, (low, high): (Vec3, Vec3), warnings: &mut Vec<String>) -> Result<(), ImportError> {
+    let size = (high - low).length();
+    if size < SIZE_LIMIT {
+        return Err(ImportError::TooSmall { path: path.to_path_buf(), size, limit: SIZE_LIMIT });
+    }
+    let coordinate = low.abs().max(high.abs()).max_element();
+    let step = coordinate * f32::EPSILON;
+    if step > COARSE * size {
+        return Err(ImportError::FarFromOrigin { path: path.to_path_buf(), coordinate, step, size });
+    }
+    if step > UNEVEN * size {
+        warnings.push(format!(
+            "{}: coordinates of {coordinate:e} m come in steps of {step:e} m; surfaces may have specks: move the scene \
+             nearer to the origin",
+            path.display()
+        ));
+    }
+    Ok(())
 }
 
 /// Warns of light that a medium without end takes as a whole, in every channel in which it takes any.

@@ -102,6 +102,30 @@ pub enum ImportError {
         /// Greatest coordinate, m.
         limit: f32,
     },
+    /// A scene that is too small for rays.
+    #[error("{}: the scene is {size:e} m across; below {limit} m rays cannot tell its surfaces apart: correct \
+         metres_per_unit", path.display())]
+    TooSmall {
+        /// The file.
+        path: PathBuf,
+        /// Diagonal of its bounds, m.
+        size: f32,
+        /// Least diagonal, m.
+        limit: f32,
+    },
+    /// A scene so far from the origin that coordinates cannot tell its corners apart.
+    #[error("{}: coordinates of {coordinate:e} m come in steps of {step:e} m, too coarse for a scene {size:e} m across: \
+         move it nearer to the origin, or correct metres_per_unit", path.display())]
+    FarFromOrigin {
+        /// The file.
+        path: PathBuf,
+        /// Greatest coordinate, m.
+        coordinate: f32,
+        /// Distance of single-precision numbers there, m.
+        step: f32,
+        /// Diagonal of its bounds, m.
+        size: f32,
+    },
     /// A part of a glTF file is wrong.
     #[error("{}, {place}: {reason}; export the file again", path.display())]
     Gltf {

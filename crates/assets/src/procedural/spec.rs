@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 use std::ops::RangeInclusive;
 
-use super::{atrium, blinds, city, clutter, corridor, rooms, stripes, window};
+use super::{atrium, blinds, city, clutter, corridor, islands, rooms, stripes, window};
 
 /// A number that a built-in scene is built with.
 #[derive(Clone, Debug)]
@@ -43,7 +43,7 @@ pub struct BuiltIn {
 }
 
 /// All built-in scenes.
-pub const BUILT_IN: [BuiltIn; 12] = [
+pub const BUILT_IN: [BuiltIn; 13] = [
     BuiltIn { name: "cornell", about: "the Cornell Box by its published measurements", parameters: &[] },
     BuiltIn {
         name: "atrium",
@@ -80,10 +80,15 @@ pub const BUILT_IN: [BuiltIn; 12] = [
         parameters: window::PARAMETERS,
     },
     BuiltIn { name: "corridor", about: "a corridor lit round two corners", parameters: corridor::PARAMETERS },
+    BuiltIn {
+        name: "islands",
+        about: "open boxes in the air under a sun and a very dim sky",
+        parameters: islands::PARAMETERS,
+    },
 ];
 
 /// Scenes that each show one kind of fault of global illumination.
-pub const STRESS_SCENES: [&str; 6] = ["rooms", "stripes", "blinds", "clutter", "window", "corridor"];
+pub const STRESS_SCENES: [&str; 7] = ["rooms", "stripes", "blinds", "clutter", "window", "corridor", "islands"];
 
 /// Parameter values of a scene.
 #[derive(Clone, Debug, Default, PartialEq)]

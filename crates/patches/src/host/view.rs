@@ -7,8 +7,10 @@ use alloc::vec;
 use alloc::vec::Vec;
 
 use glam::Vec3;
+#[cfg(not(feature = "std"))]
+use num_traits::Float as _;
 use scene::double::ln;
-use scene::gpu::{DirectParams, LIGHT_DIRECTIONAL};
+use scene::gpu::{DirectParams, LIGHT_DIRECTIONAL, LIGHT_RECT, Sky};
 use scene::math::luminance;
 use scene::parallel::*;
 use scene::sampling::{cosine_hemisphere, frame, hammersley, hash3};
@@ -38,6 +40,13 @@ const OTHER_SUNS: u32 = 6;
 /// Position, normal, openness at two distances, sky, albedo, the scene's own light.
 const OWN_FEATURES: usize = 11;
 const FEATURES: usize = OWN_FEATURES + OTHER_SUNS as usize;
+/// Rays by which the light of near sources is found at a sample.
+const FLUX_RAYS: u32 = 16;
+/// An element is cut further where that takes off more than this share of the mean flux of elements from how much its
+/// own varies.
+const FLUX_TOLERANCE: f64 = 0.5;
+/// Most elements that are added so, as a share of those that there are.
+const FLUX_ROOM: f64 = 0.5;
 /// Weight of whether a sample is cut off from the middle of its cluster, as by a wall on their floor: light of either
 /// side is another.
 const HIDDEN: f64 = 8.0;
@@ -114,6 +123,7 @@ pub fn view_clusters(sampler: &LitSampler, settings: &ViewSettings) -> Result<Vi
     let wanted = Wanted {
         patches: settings.patches as usize,
         elements: elements as usize,
+        most_elements: settings.most_elements as usize,
         samples: settings.samples as usize,
         edge,
         seed: settings.seed,
@@ -125,6 +135,8 @@ pub fn view_clusters(sampler: &LitSampler, settings: &ViewSettings) -> Result<Vi
 pub(super) struct Wanted {
     pub patches: usize,
     pub elements: usize,
+    /// Most elements, with those that light from near asks for.
+    pub most_elements: usize,
     /// Samples of a patch, on average.
     pub samples: usize,
     /// Typical edge of a patch in the focus, m.
@@ -141,14 +153,17 @@ pub(super) fn clusters_of(sampler: &LitSampler, samples: &[Sample], wanted: &Wan
     let scene = sampler.scene();
     let mut features = see(scene, samples, sampler.density(), wanted.edge, wanted.seed);
     add_light(scene, samples, &mut features, wanted.seed);
+    let flux = flux_of_near_lights(scene, samples, wanted.seed);
     let set = Set {
         scene,
         samples,
         features: &features,
+        flux: &flux,
         counted_area: samples.iter().map(|sample| sample.area).fold(f32::INFINITY, f32::min),
         asked: ASKED * wanted.samples,
     };
-    let cut = set.split(wanted.patches, wanted.elements);
+    let mut cut = set.split(wanted.patches, wanted.elements);
+    set.split_by_flux(&mut cut, wanted.most_elements);
     let samples: Vec<Sample> = cut.order.iter().map(|&k| samples[k as usize]).collect();
     let members = (0..samples.len() as u32).map(|sample| Member { sample, weight: 1.0 }).collect();
     let voxels = alloc::vec![NONE; cut.patches.len() - 1];
@@ -227,6 +242,30 @@ fn add_light(scene: &Scene, samples: &[Sample], features: &mut [Features], seed:
     }
 }
 
+/// What samples reflect of the light of shining surfaces, W/m², the brightest channel: near to one it changes within less
+/// than the edge of an element. Empty where nothing shines.
+fn flux_of_near_lights(scene: &Scene, samples: &[Sample], seed: u32) -> Vec<f32> {
+    let mut near = scene.clone();
+    near.lighting.sky = Sky::default();
+    near.lighting.sky_map = [].into();
+    near.lighting.lights.retain(|light| light.kind == LIGHT_RECT);
+    if near.lighting.lights.is_empty() && near.emitters.is_empty() {
+        return Vec::new();
+    }
+    let points: Vec<SurfacePoint> = samples.iter().map(surface_point).collect();
+    let params = DirectParams {
+        count: points.len() as u32,
+        light_count: near.lighting.lights.len() as u32,
+        emitter_count: near.emitters.len() as u32,
+        area_rays: FLUX_RAYS,
+        seed: seed ^ 0x666c_7578,
+        ray_offset: scene.geometry.ray_offset,
+        ..DirectParams::default()
+    };
+    let light = near.direct_irradiance(&params, &points);
+    light.par_iter().zip(samples).map(|(light, sample)| (*light * sample.albedo).max_element()).collect()
+}
+
 /// Sets one feature to the weighted logarithm of an irradiance, as a share of its mean and not below [`DARK`].
 fn put_logarithm(features: &mut [Features], feature: usize, irradiance: Vec<f32>) {
     let mean = irradiance.iter().map(|&e| f64::from(e)).sum::<f64>() / irradiance.len().max(1) as f64;
@@ -243,6 +282,8 @@ struct Set<'a> {
     scene: &'a Scene,
     samples: &'a [Sample],
     features: &'a [Features],
+    /// Light of near sources that each sample reflects, W/m²; empty where there are none.
+    flux: &'a [f32],
     /// Area that every sample stands for, as the density counts it, m².
     counted_area: f32,
     /// Most samples of a cluster that are asked whether they are cut off.
@@ -349,6 +390,101 @@ impl Set<'_> {
         }
         let elements = starts(&open, &closed);
         Cut { order, patches: patch_starts.unwrap_or_else(|| elements.clone()), elements }
+    }
+}
+
+/// An element: a range of the order of samples, and the cut that explains most of how its flux varies.
+struct FluxNode {
+    /// Flux that the cut sets right, W.
+    gain: f64,
+    start: usize,
+    end: usize,
+    /// Position or normal that is cut at its mean.
+    feature: usize,
+    mean: f32,
+}
+
+/// Features along which elements are cut by flux: position and normal.
+const PLACES: usize = 6;
+
+impl Set<'_> {
+    /// Cuts elements further where light from near changes within them: those that see the bright part alone, or the dim
+    /// one, would else be lit by the mean. The cut is made in space, so that noise of single samples decides nothing.
+    fn split_by_flux(&self, cut: &mut Cut, most: usize) {
+        let elements = cut.elements.len() - 1;
+        let room = ((elements as f64 * FLUX_ROOM) as usize).min(most.saturating_sub(elements));
+        if self.flux.is_empty() || room == 0 {
+            return;
+        }
+        let total: f64 = self.flux.iter().map(|&flux| f64::from(flux)).sum::<f64>() * f64::from(self.counted_area);
+        let least = FLUX_TOLERANCE * total / elements as f64;
+        let ranges = cut.elements.windows(2);
+        let nodes = ranges.map(|range| self.flux_node(range[0] as usize, range[1] as usize, &cut.order));
+        let mut open: BinaryHeap<FluxNode> = nodes.filter(|node| node.gain > least).collect();
+        for _ in 0..room {
+            let Some(node) = open.pop() else { break };
+            let own = &mut cut.order[node.start..node.end];
+            let below = |k: &&u32| self.features[**k as usize][node.feature] < node.mean;
+            let (low, high): (Vec<&u32>, Vec<&u32>) = own.iter().partition(below);
+            let [low, high] = [low, high].map(|part| part.into_iter().copied().collect::<Vec<u32>>());
+            if low.is_empty() || high.is_empty() {
+                continue;
+            }
+            own[..low.len()].copy_from_slice(&low);
+            own[low.len()..].copy_from_slice(&high);
+            let middle = node.start + low.len();
+            cut.elements.push(middle as u32);
+            let parts = [(node.start, middle), (middle, node.end)];
+            open.extend(
+                parts.map(|(start, end)| self.flux_node(start, end, &cut.order)).into_iter().filter(|n| n.gain > least),
+            );
+        }
+        cut.elements.sort_unstable();
+    }
+
+    fn flux_node(&self, start: usize, end: usize, order: &[u32]) -> FluxNode {
+        let own = &order[start..end];
+        let count = own.len() as f64;
+        let mean_of = |value: &dyn Fn(u32) -> f32| own.iter().map(|&k| f64::from(value(k))).sum::<f64>() / count;
+        let flux = mean_of(&|k| self.flux[k as usize]);
+        let mut best = FluxNode { gain: 0.0, start, end, feature: 0, mean: 0.0 };
+        for feature in 0..PLACES {
+            let mean = mean_of(&|k| self.features[k as usize][feature]);
+            let mut squares = 0.0;
+            let mut products = 0.0;
+            for &k in own {
+                let away = f64::from(self.features[k as usize][feature]) - mean;
+                squares += away * away;
+                products += away * (f64::from(self.flux[k as usize]) - flux);
+            }
+            // The standard deviation of the part of the flux that is linear in the feature.
+            let explained = if squares > 0.0 { products.abs() / (squares * count).sqrt() } else { 0.0 };
+            let gain = explained * count * f64::from(self.counted_area);
+            if gain > best.gain {
+                best = FluxNode { gain, feature, mean: mean as f32, ..best };
+            }
+        }
+        best
+    }
+}
+
+impl PartialEq for FluxNode {
+    fn eq(&self, other: &Self) -> bool {
+        self.cmp(other).is_eq()
+    }
+}
+
+impl Eq for FluxNode {}
+
+impl PartialOrd for FluxNode {
+    fn partial_cmp(&self, other: &Self) -> Option<core::cmp::Ordering> {
+        Some(self.cmp(other))
+    }
+}
+
+impl Ord for FluxNode {
+    fn cmp(&self, other: &Self) -> core::cmp::Ordering {
+        self.gain.total_cmp(&other.gain).then(self.start.cmp(&other.start))
     }
 }
 

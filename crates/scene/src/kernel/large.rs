@@ -8,13 +8,13 @@ use glam::{Vec3, Vec4};
 
 use super::bvh::{FAR, GeometryTables};
 use super::camera::primary_direction;
-use super::light::{Lights, coupling, meet_rect, pick_emitter, sky_irradiance, unoccluded};
+use super::light::{Lights, meet_rect, pick_emitter, sample_emitter, sample_rect, sky_irradiance, unoccluded};
 use super::medium::{Medium, Share as _};
 use crate::gpu::{
     DirectParams, Emitter, EmitterGroup, Hit, LIGHT_RECT, LargeParams, Light, NONE, ShareParams, SurfacePoint,
 };
 use crate::math::{abs, atan2, clamp, luminance};
-use crate::sampling::{hash3, sobol2_fast, uniform_triangle, unit};
+use crate::sampling::{hash3, sobol2_fast, unit};
 
 /// Edge of the squares of pixels whose shadow rays together are one pattern.
 pub const TILE: u32 = 4;
@@ -127,17 +127,6 @@ pub fn rect_irradiance(light: &Light, origin: Vec3, normal: Vec3) -> Vec3 {
     light.color * polygon_irradiance(false, light.position, light.edge_a, light.edge_b, origin, normal)
 }
 
-/// Light of a point of an emitter per area, W/m² over m², and the way to it from `origin`.
-#[inline]
-fn emitter_point(g: &GeometryTables, p: &LargeParams, e: &Emitter, at: (f32, f32), from: (Vec3, Vec3)) -> (Vec3, Vec3) {
-    let (origin, normal) = from;
-    let (u, v) = uniform_triangle(at);
-    let n = g.normal(e.triangle);
-    let to = g.position(e.triangle, u, v) + n * p.ray_offset - origin;
-    let c = coupling(to, normal, n);
-    if c > 0.0 && !g.is_hole(e.triangle, u, v) { (g.radiance(e.triangle, u, v) * c, to) } else { (Vec3::ZERO, to) }
-}
-
 /// Irradiance of an emitter at a point, W/m², were nothing in the way: exact, but where its emission is textured.
 #[inline]
 fn emitter_irradiance(g: &GeometryTables, p: &LargeParams, e: &Emitter, origin: Vec3, normal: Vec3) -> Vec3 {
@@ -148,9 +137,9 @@ fn emitter_irradiance(g: &GeometryTables, p: &LargeParams, e: &Emitter, origin: 
     }
     let mut sum = Vec3::ZERO;
     for k in 0..TEXTURED_POINTS {
-        sum += emitter_point(g, p, e, fixed_point(k, 0), (origin, normal)).0;
+        sum += sample_emitter(g, e, fixed_point(k, 0), (origin, normal), p.ray_offset).0;
     }
-    sum * (e.area / TEXTURED_POINTS as f32)
+    sum * (1.0 / TEXTURED_POINTS as f32)
 }
 
 /// Weight of an emitter when rays are shared out: its power, and roughly its orientation to the point; 0 only where no
@@ -277,22 +266,18 @@ fn rect_samples<M: Medium>(
     medium: M,
     occluded: impl Fn(Vec3, Vec3, f32) -> bool,
 ) -> (Vec3, Vec3) {
-    let (origin, normal) = from;
-    let n = light.edge_a.cross(light.edge_b) * (1.0 / light.area);
     let mut seen = M::Left::NOTHING;
     let mut all = 0.0;
     for k in 0..p.rays {
-        let (u, v) = fixed_point(first + k, 2 + slot);
-        let to = light.position + light.edge_a * u + light.edge_b * v - origin;
-        let c = coupling(to, normal, n);
-        if c > 0.0 {
-            all += c;
-            if !occluded(origin, to, 1.0) {
-                seen += medium.left(to.length()) * c;
+        let (share, to) = sample_rect(light, from, fixed_point(first + k, 2 + slot));
+        if share > 0.0 {
+            all += share;
+            if !occluded(from.0, to, 1.0) {
+                seen += medium.left(to.length()) * share;
             }
         }
     }
-    ((seen * light.area).of(light.color), light.color * (all * light.area))
+    (seen.of(light.color), light.color * all)
 }
 
 /// The emitter to which `x` of the unit interval falls when they share it by weight, what of it is left of x, uniform,
@@ -345,8 +330,8 @@ fn emitter_samples(
             let (x, y) = fixed_point(first + k, 1);
             let (chosen, rest, probability) = emitter_at(g, p, lights, x, total, from);
             let e = lights.emitters[chosen as usize];
-            let (found, to) = emitter_point(g, p, &e, (rest, y), from);
-            let light = found * (e.area / probability);
+            let (found, to) = sample_emitter(g, &e, (rest, y), from, p.ray_offset);
+            let light = found * (1.0 / probability);
             if luminance(light) > 0.0 {
                 all += light;
                 if !occluded(from.0, to, 1.0) {
@@ -364,8 +349,8 @@ fn candidate(g: &GeometryTables, p: &LargeParams, k: u32, lights: &Lights, from:
     let (x, y) = fixed_point(k, 1);
     let e = lights.emitters[pick_emitter(lights.emitters, p.emitter_count, x) as usize];
     let rest = clamp((x - (e.cumulative - e.probability)) / e.probability, 0.0, 1.0);
-    let (found, to) = emitter_point(g, p, &e, (rest, y), from);
-    (found * (e.area / e.probability), to)
+    let (found, to) = sample_emitter(g, &e, (rest, y), from, p.ray_offset);
+    (found * (1.0 / e.probability), to)
 }
 
 /// Light of the samples of many emitters: each ray goes to one of some candidates, chosen by their light, and stands

@@ -10,7 +10,7 @@ use crate::gpu::{
     DirectParams, Emitter, LIGHT_DIRECTIONAL, LIGHT_LUMINAIRE, LIGHT_RECT, LIGHT_SPOT, Light, NONE, Sky, SurfacePoint,
 };
 use crate::math::{acos, atan2, clamp, floor, sqrt};
-use crate::sampling::{cosine_hemisphere, hammersley, hash3, uniform_triangle};
+use crate::sampling::{cosine_hemisphere, hammersley, hash3, spherical_triangle, uniform_triangle};
 
 /// Words before the values of a distribution: its first γ in radians, its steps of γ per radian, its number of steps of
 /// γ, and its number of half-planes, 0 where it is the same in all.
@@ -137,6 +137,88 @@ pub(super) fn coupling(to: Vec3, normal: Vec3, target_normal: Vec3) -> f32 {
     if here > 0.0 && there > 0.0 { here * there / (squared * squared) } else { 0.0 }
 }
 
+/// A triangle is near where its middle is no further than this many of its longest edges: by area, the points of it that
+/// are next to a place would then be met too seldom, and count too much.
+const NEAR_EDGES: f32 = 2.0;
+
+/// A sample of the front of a triangle with these corners: its irradiance over its radiance and over the probability
+/// density of the sample, 0 behind either, and the way to it. Uniform in solid angle from near, else in area. `at` is a
+/// point of the unit square.
+#[inline]
+pub(super) fn sample_triangle(
+    corner: Vec3,
+    edge_a: Vec3,
+    edge_b: Vec3,
+    (origin, normal): (Vec3, Vec3),
+    at: (f32, f32),
+) -> (f32, Vec3) {
+    let a = corner - origin;
+    let area_normal = edge_a.cross(edge_b);
+    let twice = area_normal.length();
+    let front = area_normal * (1.0 / twice);
+    let across = edge_b - edge_a;
+    let longest = if edge_a.length_squared() > edge_b.length_squared() { edge_a } else { edge_b };
+    let longest = if across.length_squared() > longest.length_squared() { across } else { longest };
+    let middle = a + (edge_a + edge_b) * (1.0 / 3.0);
+    let height = -a.dot(front);
+    if height > 0.0 && middle.length_squared() < NEAR_EDGES * NEAR_EDGES * longest.length_squared() {
+        let b = a + edge_a;
+        let c = a + edge_b;
+        let corners = [a * (1.0 / a.length()), b * (1.0 / b.length()), c * (1.0 / c.length())];
+        let (direction, solid_angle) = spherical_triangle(corners, at);
+        if solid_angle > 0.0 {
+            let facing = -direction.dot(front);
+            let cosine = direction.dot(normal);
+            if facing <= 0.0 || cosine <= 0.0 {
+                return (0.0, middle);
+            }
+            return (cosine * solid_angle, direction * (height / facing));
+        }
+    }
+    let (u, v) = uniform_triangle(at);
+    let to = a + edge_a * u + edge_b * v;
+    (coupling(to, normal, front) * (0.5 * twice), to)
+}
+
+/// A sample of an emitter: its irradiance over the probability density, W/m², without shadows, and the way to it.
+#[inline]
+pub(super) fn sample_emitter(
+    g: &GeometryTables,
+    e: &Emitter,
+    at: (f32, f32),
+    from: (Vec3, Vec3),
+    ray_offset: f32,
+) -> (Vec3, Vec3) {
+    let t = g.triangles[e.triangle as usize];
+    let front = g.normal(e.triangle);
+    // Shadow rays end above the emitter.
+    let (share, to) = sample_triangle(t.corner + front * ray_offset, t.edge_a, t.edge_b, from, at);
+    let mut light = Vec3::ZERO;
+    if share > 0.0 {
+        let place = from.0 + to - front * ray_offset - t.corner;
+        let area_normal = t.edge_a.cross(t.edge_b);
+        let inverse = 1.0 / area_normal.length_squared();
+        let u = clamp(place.cross(t.edge_b).dot(area_normal) * inverse, 0.0, 1.0);
+        let v = clamp(t.edge_a.cross(place).dot(area_normal) * inverse, 0.0, 1.0 - u);
+        if !g.is_hole(e.triangle, u, v) {
+            light = g.radiance(e.triangle, u, v) * share;
+        }
+    }
+    (light, to)
+}
+
+/// A sample of a rectangle, as [`sample_triangle`]: of one of its halves.
+#[inline]
+pub(super) fn sample_rect(light: &Light, from: (Vec3, Vec3), (u, v): (f32, f32)) -> (f32, Vec3) {
+    let is_first = u < 0.5;
+    let opposite = light.position + light.edge_a + light.edge_b;
+    let corner = if is_first { light.position } else { opposite };
+    let sign = if is_first { 1.0 } else { -1.0 };
+    let at = (if is_first { 2.0 * u } else { 2.0 * u - 1.0 }, v);
+    let (share, to) = sample_triangle(corner, light.edge_a * sign, light.edge_b * sign, from, at);
+    (2.0 * share, to)
+}
+
 /// Light of a parallel, point or spot light or a luminaire at a point, were nothing in the way: the irradiance is
 /// `color · share`.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -196,18 +278,15 @@ fn light_share<M: Medium>(
     mut occluded: impl FnMut(Vec3, Vec3, f32) -> bool,
 ) -> M::Left {
     if light.kind == LIGHT_RECT {
-        let n = light.edge_a.cross(light.edge_b) * (1.0 / light.area);
         let shift = (hash3(index, 2 * slot, p.seed), hash3(index, 2 * slot + 1, p.seed));
         let mut sum = M::Left::NOTHING;
         for k in 0..p.area_rays {
-            let (u, v) = hammersley(k, p.area_rays, shift);
-            let to = light.position + light.edge_a * u + light.edge_b * v - origin;
-            let c = coupling(to, normal, n);
-            if c > 0.0 && !occluded(origin, to, 1.0) {
-                sum += medium.left(to.length()) * c;
+            let (share, to) = sample_rect(light, (origin, normal), hammersley(k, p.area_rays, shift));
+            if share > 0.0 && !occluded(origin, to, 1.0) {
+                sum += medium.left(to.length()) * share;
             }
         }
-        return sum * light.area / p.area_rays as f32;
+        return sum * (1.0 / p.area_rays as f32);
     }
     let arrival = unoccluded(light, distributions, origin, normal);
     if arrival.share > 0.0 && !occluded(origin, arrival.to_light, arrival.t_max) {
@@ -277,7 +356,7 @@ pub fn add_lights(k: u32, p: &DirectParams, lights: &[Light], shares: &[f32], su
 
 /// Direct irradiance H_d at a point, W/m², by shadow rays: one to each parallel, point and spot light and to each
 /// luminaire, `area_rays` to each rectangle, as many to all emitters together (picked in proportion to their power,
-/// uniform on the triangle), `sky_rays` cosine-weighted ones to the sky. `occluded(origin, direction, t_max)` tells
+/// uniform on the triangle, from near in solid angle), `sky_rays` cosine-weighted ones to the sky. `occluded(origin, direction, t_max)` tells
 /// whether a ray is stopped. Of light of suns and of the sky the medium leaves what it leaves after [`FAR`].
 #[inline]
 pub fn direct_irradiance(
@@ -308,13 +387,9 @@ pub fn direct_irradiance(
             let e = lights.emitters[pick_emitter(lights.emitters, p.emitter_count, x) as usize];
             // What is left of x within the entry is uniform again, and stratified.
             let rest = clamp((x - (e.cumulative - e.probability)) / e.probability, 0.0, 1.0);
-            let (u, v) = uniform_triangle((rest, y));
-            let n = g.normal(e.triangle);
-            let to = g.position(e.triangle, u, v) + n * p.ray_offset - origin;
-            let c = coupling(to, normal, n);
-            if c > 0.0 && !g.is_hole(e.triangle, u, v) && !occluded(origin, to, 1.0) {
-                let left = medium.left(to.length());
-                light += (left * (c * e.area / e.probability)).of(g.radiance(e.triangle, u, v));
+            let (found, to) = sample_emitter(g, &e, (rest, y), (origin, normal), p.ray_offset);
+            if found != Vec3::ZERO && !occluded(origin, to, 1.0) {
+                light += medium.left(to.length()).of(found * (1.0 / e.probability));
             }
         }
         sum += light * (1.0 / p.area_rays as f32);

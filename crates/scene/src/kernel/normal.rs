@@ -19,7 +19,7 @@ pub fn pack(normal: Vec3) -> u32 {
     code(x) | code(y) << 16
 }
 
-/// The unit normal of [`pack`], to 5·10⁻⁵.
+/// The unit normal of [`pack`], to 10⁻⁴.
 #[inline]
 pub fn unpack(code: u32) -> Vec3 {
     let x = ((code & 0xffff) as f32 - 1.0) * (2.0 / STEPS) - 1.0;

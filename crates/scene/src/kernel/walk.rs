@@ -17,6 +17,8 @@ pub const LIT: u32 = 2;
 
 /// Rays by which a place looks for geometry and for the sky.
 const RAYS: u32 = 16;
+/// Rays by which a place that has seen nothing but sky looks for geometry that is far off and small.
+const FAR_RAYS: u32 = 128;
 /// Changes their random numbers.
 const RAYS_SALT: u32 = 0x6c69_7421;
 /// Surfaces that a walk meets at most.
@@ -50,9 +52,12 @@ pub fn reachability(g: &GeometryTables, lamps: &Lamps, p: &WalkParams, point: Su
     let mut sky = false;
     let walks_alone = point.weight < 0.0;
     let mut met = point.weight != 0.0;
-    let mut k = if walks_alone { RAYS } else { 0 };
-    while k < RAYS && !(met && sky) {
-        let direction = cosine_hemisphere(point.normal, hammersley(k, RAYS, shift));
+    let mut k = if walks_alone { RAYS + FAR_RAYS } else { 0 };
+    while (k < RAYS || sky && k < RAYS + FAR_RAYS) && !(met && sky) {
+        let is_near = k < RAYS;
+        let number = if is_near { k } else { k - RAYS };
+        let of = if is_near { RAYS } else { FAR_RAYS };
+        let direction = cosine_hemisphere(point.normal, hammersley(number, of, shift));
         let hit = closest_hit(g, origin, direction, FAR);
         if hit.triangle == NONE {
             sky = true;

@@ -160,7 +160,11 @@ impl PatchMesh {
             }
             let samples = self.points.len().div_ceil(self.patches.len());
             let edge = scene::math::sqrt((area / self.patches.len() as f64) as f32);
-            edit.add_clusters(sampler, &pool, &Wanted { patches, elements, samples, edge, seed })?;
+            edit.add_clusters(
+                sampler,
+                &pool,
+                &Wanted { patches, elements, most_elements: 2 * elements, samples, edge, seed },
+            )?;
         }
         let search = Lookup { old: self, change, zone: &*zone, kept: kept as u32, area };
         search.fill(sampler, &mut edit)?;
