@@ -12,7 +12,7 @@ use patchlight::{Bake, BakeJob, Observer, Picture, Refinement};
 use runtime::cpu::Cpu;
 use runtime::executor::{DeviceChoice, Executor, PassTime};
 use scene::kernel::camera::camera_direction;
-use scene::{DisplayTransform, Scene, Visibility as _};
+use scene::{DisplayTransform, Scene, Tone, Visibility as _};
 use winit::application::ApplicationHandler;
 use winit::dpi::PhysicalSize;
 use winit::event::WindowEvent;
@@ -25,7 +25,7 @@ use crate::error::Error;
 use crate::fit::fit;
 use crate::live::{Live, check, quality, rgba};
 use crate::methods::MethodDefaults;
-use crate::reference::{Comparer, Job, read};
+use crate::reference::{Comparer, Job, is_displayed, read};
 use crate::screen::{Gpu, Panels, Screen, Side, Source};
 use crate::script::{self, FRAME_SECONDS, Script};
 use crate::state::{Comparison, DIVISORS, Picked, Request, Shown, State};
@@ -217,6 +217,9 @@ impl<'a> App<'a> {
         state.facts.quality = quality(&bake);
         if let Err(why) = state.methods.choose(&settings.method) {
             observer.warn(&format!("{why}; showing {}", state.methods.chosen().name));
+        }
+        if settings.reference.as_deref().is_some_and(is_displayed) {
+            state.display.tone = Tone::None;
         }
         let file = settings.reference.as_deref().map(|path| read(path, state.display.stops)).transpose()?;
         let file = file.map(Arc::new);

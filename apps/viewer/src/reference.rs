@@ -183,14 +183,19 @@ fn compare(job: &Job, expected: &Picture, samples: u32) -> Found {
     }
 }
 
+/// Returns true if a file holds displayed colours: of a tone curve in them nothing is known.
+pub fn is_displayed(path: &Path) -> bool {
+    let ending = path.extension().map(|ending| ending.to_string_lossy().to_lowercase()).unwrap_or_default();
+    !["exr", "hdr"].contains(&ending.as_str())
+}
+
 /// Reads a reference: EXR and HDR as they are; what is displayed (PNG and others) as it was shown with an exposure.
 ///
 /// # Errors
 /// What the file says.
 pub fn read(path: &Path, stops: f32) -> Result<Picture, Error> {
     let mut picture = Picture::read(path)?;
-    let ending = path.extension().map(|ending| ending.to_string_lossy().to_lowercase()).unwrap_or_default();
-    if !["exr", "hdr"].contains(&ending.as_str()) {
+    if is_displayed(path) {
         let scale = stops_to_scale(stops);
         picture.pixels.iter_mut().for_each(|pixel| *pixel /= scale);
     }

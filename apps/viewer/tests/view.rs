@@ -383,7 +383,11 @@ fn the_window_compares_with_the_path_tracer_and_with_a_file() {
     show(&display, folder.path(), &bake, script, &["--reference", file.to_str().unwrap()]);
     let (_, shown) = screenshot(&folder.path().join("file.png"));
     assert_eq!(difference(&half(&shown, 42..160), &half(grey.as_raw(), 42..160)).1, 0, "the file at the right");
-    assert_eq!(difference(&half(&shown, 0..38), &half(&classic, 0..38)).1, 0, "the method at the left");
+    // Beside displayed colours there is no tone curve.
+    let clipped = DisplayTransform { tone: Tone::None, ..transform(&assets::load_or_build("cornell").unwrap()) };
+    let method = MethodSettings::Multibounce(Codec::LowRank { epsilon: EPSILON });
+    let clipped = linear_picture(&bake, method, SIZE, |_| {}).shown_bytes(&clipped);
+    assert_eq!(difference(&half(&shown, 0..38), &half(&clipped, 0..38)).1, 0, "the method at the left");
 }
 
 #[test]
