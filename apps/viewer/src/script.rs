@@ -782,6 +782,8 @@ mod tests {
             object off
             move tall block 0 0 0.5
             exposure -1
+            exposure auto
+            tone neutral
             camera 2
             eye 1 2 3 4 5 6
             split 0.25

@@ -35,15 +35,17 @@ fn furnace(settings: DdgiSettings, frames: u32) -> f32 {
 }
 
 /// Known bias: roots of noisy sums are averaged, which darkens them. Emitters that are found by one shadow ray from
-/// each hit are noisy, by sixteen they are not: from there on 3.2 % are missing, with any seed and up to 64 rays.
+/// each hit are a little noisy (3.8 % are missing), by sixteen they are not: from there on 3.2 % are missing, with any
+/// seed and up to 64 rays.
 #[test]
 fn a_furnace_has_the_light_of_all_bounces() {
     let is_furnace = |mean: f32, tolerance: f32| (mean - 1.0).abs() < tolerance;
     let one = spaced(0.5);
     let many = DdgiSettings { area_rays: 16, ..spaced(0.5) };
-    assert!(is_furnace(furnace(many, 120), 0.04), "{}", furnace(many, 120));
+    let quiet = furnace(many, 120);
+    assert!(is_furnace(quiet, 0.04), "{quiet}");
     let noisy = furnace(one, 120);
-    assert!(is_furnace(noisy, 0.07) && !is_furnace(noisy, 0.04), "{noisy}");
+    assert!(is_furnace(noisy, 0.05) && noisy < quiet, "{noisy} beside {quiet}");
     // As it is stored by the square root, noise takes less of it.
     let square = furnace(DdgiSettings { encoding: 2, ..one }, 120);
     assert!(is_furnace(square, 0.03), "{square}");
