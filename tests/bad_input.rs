@@ -63,6 +63,24 @@ fn assert_one_warning(scene: &LoadedScene, parts: &[&str]) {
     assert_eq!(scene.warnings.iter().filter(fits).count(), 1, "{parts:?} in {:?}", scene.warnings);
 }
 
+/// A triangle with its corner at this place on all axes, and edges this long, m.
+fn triangle_at(corner: f32, edge: f32) -> String {
+    let far = corner + edge;
+    format!("v {corner} {corner} {corner}\nv {far} {corner} {corner}\nv {corner} {far} {corner}\nf 1 2 3\n")
+}
+
+#[test]
+fn sizes_that_rays_cannot_resolve_are_refused_with_a_remedy() {
+    refused("tiny.obj", triangle_at(0.0, 1e-5).as_bytes(), &["1.4142135e-5 m across", "metres_per_unit"]);
+    refused("far.obj", triangle_at(1e6, 1.0).as_bytes(), &["1.000001e6 m", "steps", "nearer to the origin"]);
+    let (near, _) = accepted(&[("near.obj", triangle_at(1e4, 1.0).as_bytes())], "near.obj");
+    assert_one_warning(&near, &["near.obj", "steps", "nearer to the origin"]);
+    for (corner, edge) in [(0.0, 1.0), (0.0, 0.01), (1e6, 1e6)] {
+        let (good, _) = accepted(&[("good.obj", triangle_at(corner, edge).as_bytes())], "good.obj");
+        assert!(!good.warnings.iter().any(|warning| warning.contains("steps")), "{corner} {edge}");
+    }
+}
+
 #[test]
 fn what_is_no_file_is_refused_with_a_remedy() {
     let folder = folder(&[("empty.obj", b""), ("a.xyz", b"x")]);
