@@ -428,12 +428,7 @@ impl Job<'_> {
             }
             last = Some(pictures);
         }
-        if args.frames > 1 || args.errors {
-            sequence.write(out, &format!("Patchlight: {}, {}", loaded.name, args.method.name()))?;
-        }
-        if let Some(line) = sequence.work() {
-            progress.note(&line);
-        }
+        self.write_sequence(&sequence)?;
         summary.passes = times.iter().filter_map(|(name, t)| Some((name.clone(), PassTimes::of(t)?))).collect();
         if let Some(path) = &args.graph {
             let graph = Graph::new(renderer.light_mut().executor_mut().plan().clone())
@@ -442,6 +437,16 @@ impl Job<'_> {
         }
         summary.light_update = light_update(renderer, updates)?;
         last.ok_or(Error::Cancelled)
+    }
+
+    /// Writes what the frames measured.
+    fn write_sequence(&self, sequence: &Sequence) -> Result<(), Error> {
+        let Self { args, loaded, out, progress, .. } = *self;
+        if args.frames > 1 || args.errors {
+            sequence.write(out, &format!("Patchlight: {}, {}", loaded.name, args.method.name()))?;
+        }
+        sequence.work().into_iter().for_each(|line| progress.note(&line));
+        Ok(())
     }
 
     /// Lighting and camera of a frame.

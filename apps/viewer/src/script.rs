@@ -104,51 +104,24 @@ enum ObjectChange {
 enum Command {
     Wait(Until),
     Samples(u32),
-    Key {
-        key: Key,
-        frames: u32,
-        is_shift: bool,
-    },
-    Drag {
-        from: Pos2,
-        to: Pos2,
-    },
+    Key { key: Key, frames: u32, is_shift: bool },
+    Drag { from: Pos2, to: Pos2 },
     Wheel(f32),
     Method(String),
     View(Shown),
-    SunHour {
-        hour: f32,
-        to: f32,
-        frames: u32,
-    },
+    SunHour { hour: f32, to: f32, frames: u32 },
     SunDay(f32),
     Latitude(f32),
     AddLight(NewLight),
-    Light {
-        number: usize,
-        change: LightChange,
-    },
-    Emission {
-        material: String,
-        radiance: Vec3,
-    },
-    Albedo {
-        material: String,
-        albedo: Option<Vec3>,
-    },
+    Light { number: usize, change: LightChange },
+    Emission { material: String, radiance: Vec3 },
+    Albedo { material: String, albedo: Option<Vec3> },
     Object(ObjectChange),
-    Move {
-        object: String,
-        way: Vec3,
-    },
-    /// Without a number it follows what is seen.
+    Move { object: String, way: Vec3 },
     Exposure(Option<f32>),
     Tone(Tone),
     Camera(usize),
-    Eye {
-        position: Vec3,
-        target: Vec3,
-    },
+    Eye { position: Vec3, target: Vec3 },
     Split(Option<f32>),
     Panels(bool),
     SubFrames(u32),
@@ -374,10 +347,7 @@ fn apply(command: &Command, state: &mut State) -> Result<(), String> {
             let object = state.scene_object(object)?;
             state.requests.push(Request::Move { object, way: *way });
         }
-        Command::Exposure(stops) => {
-            state.display.stops = stops.unwrap_or(state.display.stops);
-            state.is_auto_exposed = stops.is_none();
-        }
+        Command::Exposure(stops) => expose(state, *stops),
         Command::Tone(tone) => state.display.tone = *tone,
         Command::Camera(number) => choose_camera(state, *number)?,
         Command::Eye { position, target } => {
@@ -385,10 +355,7 @@ fn apply(command: &Command, state: &mut State) -> Result<(), String> {
             state.eye.position = *position;
             state.eye.look_along(direction.ok_or("the place and its target are one; give two places")?);
         }
-        Command::Split(share) => {
-            state.split.is_on = share.is_some();
-            state.split.at = share.unwrap_or(state.split.at);
-        }
+        Command::Split(share) => split(state, *share),
         Command::Panels(is_on) => state.has_panels = *is_on,
         Command::SubFrames(count) => state.sub_frames = *count,
         Command::Smooth(is_on) => state.is_smooth = *is_on,
@@ -404,6 +371,18 @@ fn apply(command: &Command, state: &mut State) -> Result<(), String> {
         | Command::SunHour { .. } => {}
     }
     Ok(())
+}
+
+/// Sets the exposure; without a number it follows what is seen.
+fn expose(state: &mut State, stops: Option<f32>) {
+    state.display.stops = stops.unwrap_or(state.display.stops);
+    state.is_auto_exposed = stops.is_none();
+}
+
+/// Splits the screen at a share of its width, or no more.
+fn split(state: &mut State, share: Option<f32>) {
+    state.split.is_on = share.is_some();
+    state.split.at = share.unwrap_or(state.split.at);
 }
 
 /// Adds a light ahead, shining where the eye looks.
