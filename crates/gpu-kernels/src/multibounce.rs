@@ -116,7 +116,11 @@ kernels! {
         irradiance: write [Rgb],
     } workgroup {
         let (row, exists) = row_of_blocks(group, p);
-        let fetch = |x: u32, y: u32| -> Vec4 { blocks.fetch(UVec2::new(x, y)) };
+        // By components: an application may resolve another glam for `spirv_std`.
+        let fetch = |x: u32, y: u32| -> Vec4 {
+            let texel = blocks.fetch(spirv_std::glam::UVec2::new(x, y));
+            Vec4::new(texel.x, texel.y, texel.z, texel.w)
+        };
         let sums = blocks::fetch_gather_row(row, p, lane, LANES, fetch, tile_scales, exitance);
         let more = blocks::gather_outlier_rows(row, p, lane, LANES, row_start, outliers, exitance);
         add_lanes(lane, sums.plus(more), shared);

@@ -146,6 +146,17 @@ struct StoredFactors {
     bounces: u32,
 }
 
+impl From<&Bake> for StoredFactors {
+    fn from(bake: &Bake) -> Self {
+        Self {
+            form_factors: bake.form_factors.clone(),
+            density: bake.density,
+            direct: bake.direct,
+            bounces: bake.bounces,
+        }
+    }
+}
+
 /// Receivers with the errors that the bake found when it had them.
 #[derive(Serialize, Deserialize)]
 struct StoredReceivers {
@@ -270,6 +281,30 @@ impl Bake {
         Ok(bake)
     }
 
+    /// Keeps a bake that was made in memory, with its operators, in a file. The bytes are those of [`Bake::build_into`]
+    /// with the same scene, settings and operators. What an interrupted run of the same left in `PATH.beginning` goes.
+    ///
+    /// # Errors
+    /// What the file says: another kind of file has the name, or something else was begun under it.
+    pub fn save(&self, path: &Path, origin: &Origin) -> Result<(), Error> {
+        let settings =
+            FileSettings { origin: origin.clone(), bake: self.settings, methods: Vec::new(), build: Build::default() };
+        let operators: Vec<OperatorKey> = self.operators.iter().map(|own| own.key).collect();
+        let mut writer = SectionWriter::begin(path, settings.key(&operators))?;
+        writer.start_over()?;
+        writer.put(Kind::Origin, &Head { origin: settings.origin.clone(), settings: settings.kept() })?;
+        writer.put(Kind::Scene, &StoredScene::from(&self.scene))?;
+        writer.put(Kind::Patches, &*self.mesh)?;
+        writer.put(Kind::FormFactors, &StoredFactors::from(self))?;
+        let keys = self.keys.receivers.to_vec();
+        writer
+            .put(Kind::Receivers, &StoredReceivers { receivers: self.receivers.clone(), energy: self.energy, keys })?;
+        for operator in &self.operators {
+            writer.put(Kind::Operator, operator)?;
+        }
+        Ok(writer.finish()?)
+    }
+
     /// Opens a bake of a scene; every section is checked.
     ///
     /// # Errors
@@ -353,13 +388,7 @@ fn write_patches<'a>(
     if !has_mesh {
         writer.put(Kind::Patches, &*bake.mesh)?;
     }
-    let factors = StoredFactors {
-        form_factors: bake.form_factors.clone(),
-        density: bake.density,
-        direct: bake.direct,
-        bounces: bake.bounces,
-    };
-    writer.put(Kind::FormFactors, &factors)?;
+    writer.put(Kind::FormFactors, &StoredFactors::from(bake))?;
     Ok(patches)
 }
 

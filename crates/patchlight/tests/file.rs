@@ -86,6 +86,30 @@ fn a_bake_from_a_file_gives_the_same_light() {
 }
 
 #[test]
+fn a_bake_from_memory_has_the_bytes_of_one_that_was_written_while_it_was_made() {
+    let folder = tempfile::tempdir().unwrap();
+    let whole = folder.path().join("whole.bake");
+    let settings = settings(1);
+    let made = bake_into(&whole, &settings, &Silent).unwrap();
+    let saved = folder.path().join("saved.bake");
+    // What an interrupted run left there is not taken for a part of this one.
+    bake_into(&saved, &settings, &StopIn(Phase::RECEIVERS)).err().unwrap();
+    made.save(&saved, &settings.origin).unwrap();
+    assert!(!beginning_of(&saved).exists());
+    assert!(std::fs::read(&saved).unwrap() == std::fs::read(&whole).unwrap());
+    // Another scene's beginning, and what is no bake, stay as they are.
+    let other = FileSettings { bake: settings.bake.with_seed(2), ..settings.clone() };
+    let begun = folder.path().join("begun.bake");
+    bake_into(&begun, &other, &StopIn(Phase::RECEIVERS)).err().unwrap();
+    let error = made.save(&begun, &settings.origin).unwrap_err();
+    assert!(error.to_string().contains("begun.bake") && beginning_of(&begun).exists(), "{error}");
+    let text = folder.path().join("text.bake");
+    std::fs::write(&text, "a diary").unwrap();
+    assert!(made.save(&text, &settings.origin).is_err());
+    assert_eq!(std::fs::read_to_string(&text).unwrap(), "a diary");
+}
+
+#[test]
 fn interruptions_change_no_byte() {
     let folder = tempfile::tempdir().unwrap();
     let whole = folder.path().join("whole.bake");

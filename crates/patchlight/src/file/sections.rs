@@ -319,6 +319,16 @@ impl SectionWriter {
         Ok(())
     }
 
+    /// Forgets what is there from before an interruption.
+    ///
+    /// # Errors
+    /// [`BakeError::File`].
+    pub fn start_over(&mut self) -> Result<(), BakeError> {
+        self.found = Vec::new().into_iter();
+        self.end = HEADER as u64;
+        self.file.set_len(self.end).map_err(|error| file_error(&self.beginning, &error))
+    }
+
     /// The next section, where it is there from before an interruption; else makes and writes it.
     ///
     /// # Errors

@@ -63,7 +63,8 @@ pub(super) fn build(triangles: &[Triangle]) -> (Vec<BvhNode>, Vec<u32>) {
 
 #[cfg(feature = "std")]
 fn exact_box(t: &Triangle) -> obvhs::aabb::Aabb {
-    let corners = [t.corner, t.corner + t.edge_a, t.corner + t.edge_b].map(Into::into);
+    // By way of arrays: obvhs may have another version of glam.
+    let corners = [t.corner, t.corner + t.edge_a, t.corner + t.edge_b].map(|corner| corner.to_array().into());
     obvhs::triangle::Triangle { v0: corners[0], v1: corners[1], v2: corners[2] }.aabb()
 }
 
