@@ -7,6 +7,7 @@ use ::multibounce::{BlockParams, FeedbackParams, InvertParams, MultiplyParams};
 use ::scene::Rgb;
 use glam::{UVec2, UVec4, Vec4};
 use spirv_std::arch::workgroup_memory_barrier_with_group_sync;
+use spirv_std::glam::UVec2 as TexelPlace;
 
 use crate::params::CountParams;
 
@@ -118,7 +119,7 @@ kernels! {
         let (row, exists) = row_of_blocks(group, p);
         // By components: an application may resolve another glam for `spirv_std`.
         let fetch = |x: u32, y: u32| -> Vec4 {
-            let texel = blocks.fetch(spirv_std::glam::UVec2::new(x, y));
+            let texel = blocks.fetch(TexelPlace::new(x, y));
             Vec4::new(texel.x, texel.y, texel.z, texel.w)
         };
         let sums = blocks::fetch_gather_row(row, p, lane, LANES, fetch, tile_scales, exitance);
