@@ -58,6 +58,20 @@ def test_light_that_was_replaced_is_not_read(bake: patchlight.Bake) -> None:
     bake.update([])
     with pytest.raises(patchlight.InputError, match="replaced by a later update"):
         _ = light.patches
+    light = bake.update()
+    bake.direct([])
+    bake.illuminance([[0.2, 0.2, 0.2]], lights=[])
+    assert light.patches.max() > 0
+
+
+def test_examples_of_the_documentation() -> None:
+    import doctest
+
+    from patchlight import _view_factors
+
+    for module in (patchlight, _view_factors):
+        found = doctest.testmod(module)
+        assert found.attempted > 0 and found.failed == 0
 
 
 def test_light_at_vertices_texels_and_cubes(bake: patchlight.Bake) -> None:

@@ -17,7 +17,7 @@ Units: metres; irradiance and exitance W/m², radiance W/m²/sr, linear Rec.709 
 :data:`LUMENS_PER_WATT`.
 """
 
-from . import daylight, heat, howell, inverse, terrain
+from . import daylight, heat, howell, inverse, plots, terrain
 from ._arrays import illuminance
 from ._bake import Bake, Camera, Irradiance, LightField, PointSet, Surfaces
 from ._core import (
@@ -64,6 +64,7 @@ __all__ = [
     "howell",
     "illuminance",
     "inverse",
+    "plots",
     "radiosity",
     "terrain",
     "view_factors",

@@ -242,7 +242,7 @@ class Bake:
         self._core = core
         #: The scene.
         self.scene = scene
-        self._fields: dict[tuple[str, float], LightField] = {}
+        self._fields: dict[tuple[str, str], LightField] = {}
 
     @classmethod
     def open(cls, path: str | os.PathLike[str]) -> Bake:
@@ -365,8 +365,9 @@ class Bake:
         compressed operator, of relative error ``epsilon``), ``"multibounce"`` (dense), ``"feedback"``, ``"temporal"``."""
         return LightField(self, method, epsilon, point_rays, progress)
 
-    def _field(self, method: str) -> LightField:
-        key = (method, 0.01)
+    def _field(self, method: str, purpose: str = "update") -> LightField:
+        """A field that is kept; those of other purposes leave the light of the last update as it is."""
+        key = (method, purpose)
         if key not in self._fields:
             self._fields[key] = self.light_field(method)
         return self._fields[key]
@@ -427,7 +428,7 @@ class Bake:
         emission: npt.ArrayLike | None = None,
     ) -> Float64:
         """First exitance of the elements that lights give, W/m², ``(elements, 3)``: ``e = ρ H_d``."""
-        field = self._field("classic")
+        field = self._field("classic", "direct")
         light = field.update(lights, sky=sky, emission=emission)
         _, _, first, weights, albedo = self._core.samples()
         reflected = albedo.astype(float) * light.direct_at_samples * weights[:, np.newaxis]
@@ -487,7 +488,7 @@ class Bake:
         """Illuminance of points, lx: direct and indirect light under the scene's lights or others."""
         places = vectors(points, "points")
         facing = np.ascontiguousarray(np.broadcast_to(vectors(normals, "normals"), places.shape))
-        field = self._field("classic")
+        field = self._field("classic", "direct")
         own = field.add_points(places, facing)
         try:
             indirect = field.update(lights).points(own)

@@ -1,0 +1,1 @@
+//! Compares the header with the sources; see its test.
