@@ -118,6 +118,9 @@ int main() try {
     }
     check(vkWaitForFences(device, 2, fences, VK_TRUE, UINT64_MAX), "vkWaitForFences");
     const auto light = field.surface(bake.counts().points);
+    PlField* none = nullptr;
+    if (pl_field_new(bake.get(), nullptr, "no such device", &none) != PL_DEVICE || !std::strstr(pl_last_error(), "no such device"))
+      throw std::runtime_error("a device that is not there was opened");
     // The same light by the processor.
     patchlight::LightField other(bake);
     other.set_lights({lamp});
