@@ -30,7 +30,7 @@ pub struct Scene {
     pub scene: patchlight::Scene,
     pub name: String,
     view: Option<View>,
-    /// Face of each triangle, in the order in which the triangles were given to the builder.
+    /// Face of each triangle, in the order in which the triangles were given to the builder; empty of a scene from a file.
     faces: Vec<u32>,
     materials: Vec<String>,
     exposure: Option<f32>,
@@ -40,8 +40,7 @@ pub struct Scene {
 impl Scene {
     /// A scene without a view of its own, as a bake has it.
     pub fn of(scene: patchlight::Scene, name: String, hash: [u8; 32]) -> Self {
-        let faces = (0..scene.geometry.triangles.len() as u32).collect();
-        Self { scene, name, view: None, faces, materials: Vec::new(), exposure: None, hash }
+        Self { scene, name, view: None, faces: Vec::new(), materials: Vec::new(), exposure: None, hash }
     }
 
     /// The scene under other lights.
@@ -128,7 +127,7 @@ impl Scene {
         }
         let exposure = loaded.is_exposed.then_some(loaded.exposure_stops);
         Ok(Self {
-            faces: (0..loaded.scene.geometry.triangles.len() as u32).collect(),
+            faces: Vec::new(),
             scene: loaded.scene,
             name: loaded.name,
             view: Some(loaded.view),
@@ -186,13 +185,13 @@ impl Scene {
         from_vectors(py, &corners)?.reshape([corners.len() / 3, 9])
     }
 
-    /// Face that each triangle is of.
-    fn triangle_faces<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<u32>> {
-        let face = |source: u32| self.faces.get(source as usize).copied().unwrap_or(source);
-        PyArray1::from_iter(py, self.scene.geometry.triangles.iter().map(|t| face(t.source)))
+    /// Number of each triangle among those that were given to the builder, or that the file has; parts of one that was cut
+    /// have its number.
+    fn triangle_sources<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<u32>> {
+        PyArray1::from_iter(py, self.scene.geometry.triangles.iter().map(|t| t.source))
     }
 
-    /// Face of each triangle that was given to the builder, in its order: what `triangle_faces` of a bake's scene number.
+    /// Face of each triangle that was given to the builder, in its order; empty of a scene from a file.
     fn face_order<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<u32>> {
         PyArray1::from_slice(py, &self.faces)
     }

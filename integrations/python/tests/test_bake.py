@@ -94,6 +94,24 @@ def test_light_at_vertices_texels_and_cubes(bake: patchlight.Bake) -> None:
     assert patchlight.illuminance(up) == pytest.approx(patchlight.illuminance(cube[2]), rel=0.25)
 
 
+def test_elements_lie_on_their_faces(bake: patchlight.Bake, tmp_path: Path) -> None:
+    vertices, faces = bake.scene.vertices, bake.scene.faces
+    shuffled = np.random.default_rng(1).permutation(len(faces))
+    # Two materials, so that the library's order is another one.
+    reflectance = np.where(np.arange(len(faces)) % 2, 0.3, 0.7)
+    own = patchlight.Scene(vertices, faces[shuffled], reflectance, lights=bake.scene.lights).bake(100, receivers=False)
+    bake.save(tmp_path / "a.bake")
+    for found in (bake, own, patchlight.Bake.open(tmp_path / "a.bake")):
+        corners = found.scene.vertices[found.scene.faces[found.elements.faces]].astype(float)
+        normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+        facing = np.abs((normal * found.elements.normals).sum(axis=1))
+        apart = np.abs(((found.elements.centroids - corners[:, 0]) * normal).sum(axis=1))
+        # The mean of a cluster round an edge lies on neither side of it.
+        assert (apart < 0.02).mean() > 0.95 and (facing > 0.99).mean() > 0.9
+    assert own.elements.reflectance[:, 0] == pytest.approx(own.element_reflectance(reflectance)[:, 0], abs=0.25)
+
+
 def test_pictures_and_their_parts(bake: patchlight.Bake) -> None:
     full, direct, indirect = (bake.render(size=(64, 64), sub_frames=2, part=part) for part in ("full", "direct", "indirect"))
     assert full.shape == (64, 64, 3)

@@ -238,8 +238,10 @@ class LightField:
 class Bake:
     """What a scene at rest needs: patches, elements, form factors, receivers. Made by :meth:`Scene.bake`."""
 
-    def __init__(self, core: _core.Bake, scene: Scene) -> None:
+    def __init__(self, core: _core.Bake, scene: Scene, *, is_opened: bool = False) -> None:
         self._core = core
+        # The scene of a file is that of the bake, cut where something stands on something.
+        self._is_opened = is_opened
         #: The scene.
         self.scene = scene
         self._fields: dict[tuple[str, str], LightField] = {}
@@ -248,7 +250,7 @@ class Bake:
     def open(cls, path: str | os.PathLike[str]) -> Bake:
         """Opens a file of :meth:`save`, or of the program's ``patchlight bake``."""
         core, scene = _core.Bake.open(os.fspath(path))
-        return cls(core, Scene._of(scene))
+        return cls(core, Scene._of(scene), is_opened=True)
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Writes a file: the same bytes as ``patchlight bake`` with these settings."""
@@ -267,9 +269,11 @@ class Bake:
 
     @cached_property
     def _triangle_faces(self) -> npt.NDArray[np.uint32]:
-        order = self.scene._core.face_order()
-        sources = self._own_scene.triangle_faces()
-        return order[np.minimum(sources, len(order) - 1)]
+        """Face of the scene that each triangle of the bake is, or is a part of."""
+        sources = self._own_scene.triangle_sources()
+        if self._is_opened:
+            return np.arange(len(sources), dtype=np.uint32)
+        return self.scene._face_of_source[sources]
 
     @cached_property
     def _vertex_corners(self) -> tuple[npt.NDArray[Any], npt.NDArray[Any], Float64]:

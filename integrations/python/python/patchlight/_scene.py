@@ -319,6 +319,7 @@ class Scene:
         )
         self._vertices = positions
         self._faces = corners
+        self._face_of_source = self._core.face_order()
         self._bands = albedo if albedo.shape[1] not in (1, 3) else None
         #: Lights that are no surfaces.
         self.lights: list[Light] = list(lights)
@@ -332,6 +333,9 @@ class Scene:
         triangles = core.triangles().reshape(-1, 3)
         scene._vertices, inverse = np.unique(triangles, axis=0, return_inverse=True)
         scene._faces = np.ascontiguousarray(inverse.reshape(-1, 3), dtype=np.uint32)
+        sources = core.triangle_sources()
+        scene._face_of_source = np.zeros(int(sources.max(initial=0)) + 1, np.uint32)
+        scene._face_of_source[sources] = np.arange(len(sources), dtype=np.uint32)
         scene._bands = None
         lights, sky = core.lighting()
         scene.lights = [Light(light) for light in lights]
