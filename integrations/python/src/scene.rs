@@ -359,6 +359,24 @@ impl Scene {
         PyArray1::from_vec(py, values).reshape([total, suns.len()])
     }
 
+    /// Triangle on whose surface each point lies, below its normal; 2³² - 1 where there is none.
+    fn locate<'py>(
+        &self,
+        py: Python<'py>,
+        points: PyReadonlyArray2<f32>,
+        normals: PyReadonlyArray2<f32>,
+    ) -> PyResult<Bound<'py, PyArray1<u32>>> {
+        let points = surface_points(vectors(&points, "points")?, vectors(&normals, "normals")?)?;
+        let scene = &self.scene;
+        let lift = scene.geometry.ray_offset;
+        let triangles: Vec<u32> = py.detach(|| {
+            let below =
+                |point: &SurfacePoint| scene.closest(point.position + point.normal * lift, -point.normal).triangle;
+            points.par_iter().map(below).collect()
+        });
+        Ok(PyArray1::from_vec(py, triangles))
+    }
+
     /// Distance along each ray to the first surface, m; infinite where there is none.
     fn cast<'py>(
         &self,

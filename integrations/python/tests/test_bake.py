@@ -108,8 +108,9 @@ def test_elements_lie_on_their_faces(bake: patchlight.Bake, tmp_path: Path) -> N
         facing = np.abs((normal * found.elements.normals).sum(axis=1))
         apart = np.abs(((found.elements.centroids - corners[:, 0]) * normal).sum(axis=1))
         # The mean of a cluster round an edge lies on neither side of it.
-        assert (apart < 0.02).mean() > 0.95 and (facing > 0.99).mean() > 0.9
-    assert own.elements.reflectance[:, 0] == pytest.approx(own.element_reflectance(reflectance)[:, 0], abs=0.25)
+        assert (apart < 0.02).mean() > 0.9 and (facing > 0.99).mean() > 0.8
+    assert own.elements.reflectance[:, 0] == pytest.approx(own.element_reflectance(reflectance)[:, 0], abs=1e-5)
+    assert np.ptp(own.elements.reflectance[:, 0]) > 0.3
 
 
 def test_pictures_and_their_parts(bake: patchlight.Bake) -> None:

@@ -40,17 +40,14 @@ class Surfaces:
         Metres; unit normals.
     areas : ndarray, shape (n,)
         m².
-    triangles : ndarray, shape (n,)
-        Triangle of the bake's scene in which the centroid lies.
     faces : ndarray, shape (n,)
-        Face of the scene that this triangle is a part of.
+        A face of the scene on which it lies: that of its first sample.
     reflectance : ndarray, shape (n, 3)
     """
 
     centroids: Float32
     normals: Float32
     areas: Float32
-    triangles: npt.NDArray[np.uint32]
     faces: npt.NDArray[np.uint32]
     reflectance: Float32
 
@@ -258,10 +255,12 @@ class Bake:
 
     # What it consists of.
 
-    def _surfaces(self, parts: Any) -> Surfaces:
-        centroids, normals, areas, triangles, reflectance = parts
-        inside = np.minimum(triangles, len(self._triangle_faces) - 1)
-        return Surfaces(centroids, normals, areas, triangles, self._triangle_faces[inside], reflectance)
+    @cached_property
+    def _sample_faces(self) -> npt.NDArray[np.uint32]:
+        """Face on which each sample lies."""
+        positions, normals, _, _, _ = self._core.samples()
+        triangles = self._own_scene.locate(positions, normals)
+        return self._triangle_faces[np.minimum(triangles, len(self._triangle_faces) - 1)]
 
     @cached_property
     def _own_scene(self) -> _core.Scene:
@@ -290,12 +289,15 @@ class Bake:
     @cached_property
     def patches(self) -> Surfaces:
         """The patches."""
-        return self._surfaces(self._core.patches())
+        centroids, normals, areas, _, reflectance = self._core.patches()
+        return Surfaces(centroids, normals, areas, self.elements.faces[self._core.patch_elements()[:-1]], reflectance)
 
     @cached_property
     def elements(self) -> Surfaces:
         """The elements into which patches are cut; polygon patches are elements themselves."""
-        return self._surfaces(self._core.elements())
+        centroids, normals, areas, _, reflectance = self._core.elements()
+        first = self._core.samples()[2][:-1]
+        return Surfaces(centroids, normals, areas, self._sample_faces[first], reflectance)
 
     @cached_property
     def element_shares(self) -> Matrix:
@@ -394,11 +396,15 @@ class Bake:
     # Operators.
 
     def element_reflectance(self, face_values: npt.ArrayLike) -> Float64:
-        """Values of the scene's faces, ``(faces, bands)``, at the elements: that of the face at each centroid."""
+        """Values of the scene's faces, ``(faces, bands)``, at the elements: means over their samples."""
         values = np.asarray(face_values, dtype=float)
         if values.ndim == 1:
             values = values[:, np.newaxis]
-        return values[self.elements.faces]
+        _, _, first, weights, _ = self._core.samples()
+        shares = weights.astype(float)[:, np.newaxis]
+        starts = first[:-1].astype(np.int64)
+        sums: Float64 = np.add.reduceat(shares * values[self._sample_faces], starts, axis=0)
+        return sums / np.add.reduceat(shares, starts, axis=0)
 
     def _reflectance(self, reflectance: npt.ArrayLike | None) -> Float64:
         """Reflectance of the elements, in the bands of the scene or in others."""
