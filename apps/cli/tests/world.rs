@@ -99,7 +99,7 @@ fn a_bake_that_is_killed_at_random_moments_comes_to_the_same_bytes() {
         }
         let begun = fs::metadata(folder.path().join("killed.bake.beginning")).is_ok();
         let mut child = command_of(&killed).spawn().unwrap();
-        // Anywhere in the time that it takes, which grows for a machine that others have made busy since it was measured.
+        // Anywhere in the time that it takes; more and more of it, for other tests may slow the machine since.
         let span = time * (1 + k / kill_count());
         std::thread::sleep(Duration::from_micros(k.wrapping_mul(0x9e37_79b9_7f4a_7c15) % span));
         child.kill().unwrap();
