@@ -15,6 +15,8 @@
 //! | `window` | a room lit by the sky alone, through the panes of a window |
 //! | `corridor` | a corridor lit round two corners |
 //! | `islands` | open boxes in the air under a sun and a very dim sky |
+//! | `kitchen` | a kitchen lit by sun and sky through one window, a bright sill, cupboards, a papered wall |
+//! | `bay` | shining panes close behind arched and straight frames in deep reveals, blinds half down |
 //!
 //! `NAME:KEY=VALUE,KEY=VALUE` gives parameters ([`BUILT_IN`]); `ground` is one of all scenes.
 
@@ -27,6 +29,7 @@ use crate::import::draft::{Mesh, Setting, finish};
 use crate::import::{Animation, ImportError, LoadOptions, LoadedScene, Track, View};
 
 mod atrium;
+mod bay;
 mod blinds;
 mod boxes;
 mod builder;
@@ -35,6 +38,7 @@ mod clutter;
 mod cornell;
 mod corridor;
 mod islands;
+mod kitchen;
 mod office;
 mod pattern;
 mod rooms;
@@ -97,6 +101,8 @@ pub fn build(spec: &str) -> Result<LoadedScene, ImportError> {
         "window" => window::build(&values),
         "corridor" => corridor::build(&values),
         "islands" => islands::build(&values),
+        "kitchen" => kitchen::build(&values),
+        "bay" => bay::build(&values),
         _ => Ok(boxes::furnace()),
     }
     .map_err(|(key, reason)| fault(format!("{key}: {reason}")))?;

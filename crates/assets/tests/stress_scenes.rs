@@ -76,6 +76,34 @@ fn rooms_are_closed_where_no_doorway_is() {
 }
 
 #[test]
+fn kitchens_are_open_at_the_window_and_bays_nowhere() {
+    let kitchen = build("kitchen");
+    assert!(escapes(&kitchen, Vec3::new(2.0, 1.5, 2.0)) > 50);
+    assert_eq!(escapes(&kitchen, Vec3::new(0.1, 0.05, 3.1)), 0);
+    assert_near(distance(&kitchen, Vec3::new(0.2, 1.6, 1.6), Vec3::NEG_Y), 0.45 - 0.002, "the sill below the window");
+    assert_near(area(&build("kitchen:cupboards=0"), "cupboard"), 0.0, "no cupboards");
+    // Each on the floor without a bottom, each on the wall whole.
+    let side = |x: f64, y: f64, z: f64| 2.0 * (x * y + y * z + z * x);
+    let one = side(0.538, 0.86, 0.576) - 0.538 * 0.576 + side(0.538, 0.7, 0.336);
+    assert_near(area(&kitchen, "cupboard") / 4.0, one, "cupboards");
+    for spec in ["bay", "bay:pane=0.004,blind=1", "bay:blind=0,segments=5"] {
+        let bay = build(spec);
+        assert_eq!(escapes(&bay, Vec3::new(2.0, 1.4, 2.0)), 0, "{spec}: panes shut the windows");
+        assert_near(area(&bay, "pane"), (0.8 + 1.2 + 0.8) * 1.45, spec);
+    }
+    // Through a bay without blinds the panes are as far behind the frames as was asked.
+    let bay = build("bay:blind=0,pane=0.05");
+    let straight = |x: f32, y: f32| distance(&bay, Vec3::new(x, y, 1.0), Vec3::NEG_Z);
+    assert_near(straight(0.7, 1.2) - straight(0.42, 1.2), 0.04 + 0.05, "behind the frame");
+    // The arch is as high in its middle as the straight windows, and the wall's corners are filled.
+    assert_near(straight(2.3, 2.2 - 0.05) - straight(0.42, 1.2), 0.04 + 0.05, "below the crown");
+    assert_near(straight(1.72, 2.18), 1.0, "beside the arch");
+    // Lengths of slats, each shining on all sides.
+    let slats = |share: f64| area(&build(&format!("bay:blind={share}")), "slat");
+    assert_near(slats(1.0) / slats(0.5), 2.0, "blinds");
+}
+
+#[test]
 fn walls_of_rooms_are_as_thick_as_asked_and_as_large_as_the_closed_form_says() {
     for (thickness, doorway) in [(0.0, 1.4), (0.02, 1.4), (0.1, 0.9), (0.1, 0.0)] {
         let loaded = build(&format!("rooms:wall={thickness},doorway={doorway}"));

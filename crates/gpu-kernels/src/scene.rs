@@ -308,6 +308,17 @@ kernels! {
         )
     }
 
+    /// Marks the pixels about which the share of light that arrives is steady, in the last number of
+    /// `open`: [`large::steadiness`]. One invocation per pixel.
+    SCENE_MARK_STEADY: MarkSteadyPass = "scene_mark_steady"(p: ShareParams) for k in 0..count {
+        points: read [SurfacePoint; p.count_about as usize],
+        seen: read [Rgb; p.count_about as usize],
+        sampled: read [Rgb; p.count_about as usize],
+        open: update [Rgb] as open_before,
+    } each {
+        open_before.truncate().extend(large::steadiness(p, p.first + k, points, seen, sampled))
+    }
+
     /// Adds the light of rectangles and emitters to every pixel's sums, W/m²/sr:
     /// [`large::shadowed_light`]. One invocation per pixel.
     SCENE_ADD_LARGE_LIGHT: AddLargeLightPass = "scene_add_large_light"(p: ShareParams) for k in 0..count {

@@ -11,7 +11,8 @@
 //!   that, nor on the number of threads. Its standard errors come from the spread of passes of eight samples.
 //! - `Picture` reads EXR, HDR and PNG and writes EXR and PNG, each file whole or not at all.
 //! - `metrics` compares pictures (MSE, PSNR, SSIM, FLIP on displayed values; median relative error, PSNR and mean ratio
-//!   on 8 × 8 block means) and irradiance at points; `metrics::faults` counts noise, leaks, stains and blotches.
+//!   on 8 × 8 block means) and irradiance at points; `metrics::faults` counts noise, leaks, stains and blotches,
+//!   `metrics::edges` teeth along edges and patterns.
 //!   `ReferenceData` reads a folder of pictures and points made by another program.
 //!
 //! Units: metres, radiance W/m²/sr, irradiance W/m², linear Rec.709 RGB.
@@ -55,6 +56,6 @@ mod sun;
 pub use accumulation::{Accumulation, BlockErrors, fingerprint};
 pub use data::{ReferenceData, ReferencePoint};
 pub use error::{Error, ResumeError};
-pub use metrics::{Faults, Judge, PictureErrors, PointErrors, ReferenceNoise};
+pub use metrics::{Edges, Faults, Judge, PictureErrors, PointErrors, ReferenceNoise};
 pub use path::{PathSettings, PathTracer, PointIrradiance, Reflected, Strategy};
 pub use picture::{DisplayTransform, Picture, PictureFile, Precision, Tone, scale_to_stops, stops_to_scale};

@@ -2,7 +2,7 @@
 //!
 //! Linear metrics look at means over blocks of 8 × 8 pixels, because references carry noise in single pixels;
 //! tone-mapped metrics (MSE, PSNR, SSIM, FLIP) look at what a display shows: value × scale, clamped, sRGB. [`faults`]
-//! counts the pixels that a person finds wrong.
+//! and [`edges`] count the pixels that a person finds wrong.
 
 use glam::Vec3;
 use nv_flip::{DEFAULT_PIXELS_PER_DEGREE, FlipImageFloat, FlipImageRgb8};
@@ -14,8 +14,10 @@ use serde::{Deserialize, Serialize};
 use crate::error::Error;
 use crate::picture::Picture;
 
+pub mod edges;
 pub mod faults;
 
+pub use edges::Edges;
 pub use faults::{Faults, Judge, ReferenceNoise, noise_picture, noise_share};
 
 /// Edge of the blocks that linear metrics average over, pixels.

@@ -505,8 +505,8 @@ pub struct ShareParams {
     pub count_about: u32,
     /// Most by which shares of light differ that are averaged.
     pub tolerance: f32,
-    /// Keeps the size a multiple of 16.
-    pub reserved: u32,
+    /// Most by which the share bends, from a pixel to those a tile further, where it counts as steady.
+    pub bend: f32,
 }
 const _: () = assert!(size_of::<ShareParams>() == 32);
 

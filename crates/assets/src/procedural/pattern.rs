@@ -102,3 +102,17 @@ pub fn wood() -> Source {
 pub fn carpet() -> Source {
     draw("carpet", |x, y| shade([104.0, 112.0, 124.0], 0.85 + 0.3 * unit(hash3(x / 2, y / 2, 5))))
 }
+
+/// Wallpaper: stripes with a small pattern between them.
+pub fn paper() -> Source {
+    draw("paper", |x, y| {
+        let dx = x as i32 % 64 - 44;
+        let dy = (y as i32 + 32 * (x as i32 / 64 % 2)) % 64 - 32;
+        let base = match (x % 64 < 14, dx.abs() + dy.abs() < 9) {
+            (true, _) => [196.0, 178.0, 140.0],
+            (false, true) => [150.0, 96.0, 84.0],
+            _ => [214.0, 204.0, 182.0],
+        };
+        shade(base, 0.94 + 0.08 * clouds(x, y, 150))
+    })
+}

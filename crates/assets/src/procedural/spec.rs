@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 use std::ops::RangeInclusive;
 
-use super::{atrium, blinds, city, clutter, corridor, islands, rooms, stripes, window};
+use super::{atrium, bay, blinds, city, clutter, corridor, islands, kitchen, rooms, stripes, window};
 
 /// A number that a built-in scene is built with.
 #[derive(Clone, Debug)]
@@ -43,7 +43,7 @@ pub struct BuiltIn {
 }
 
 /// All built-in scenes.
-pub const BUILT_IN: [BuiltIn; 13] = [
+pub const BUILT_IN: [BuiltIn; 15] = [
     BuiltIn { name: "cornell", about: "the Cornell Box by its published measurements", parameters: &[] },
     BuiltIn {
         name: "atrium",
@@ -85,10 +85,21 @@ pub const BUILT_IN: [BuiltIn; 13] = [
         about: "open boxes in the air under a sun and a very dim sky",
         parameters: islands::PARAMETERS,
     },
+    BuiltIn {
+        name: "kitchen",
+        about: "a kitchen lit by sun and sky through one window, with a bright sill",
+        parameters: kitchen::PARAMETERS,
+    },
+    BuiltIn {
+        name: "bay",
+        about: "shining panes close behind arched and straight frames, blinds half down",
+        parameters: bay::PARAMETERS,
+    },
 ];
 
 /// Scenes that each show one kind of fault of global illumination.
-pub const STRESS_SCENES: [&str; 7] = ["rooms", "stripes", "blinds", "clutter", "window", "corridor", "islands"];
+pub const STRESS_SCENES: [&str; 9] =
+    ["rooms", "stripes", "blinds", "clutter", "window", "corridor", "islands", "kitchen", "bay"];
 
 /// Parameter values of a scene.
 #[derive(Clone, Debug, Default, PartialEq)]

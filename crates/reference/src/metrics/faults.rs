@@ -113,6 +113,12 @@ impl<'a> Judge<'a> {
         (0..error.width * error.height).into_par_iter().map(doubt).collect()
     }
 
+    /// [`Self::doubts`], for a picture that can be judged.
+    pub(super) fn checked_doubts(&self, ours: &Picture) -> Result<Vec<f64>, Error> {
+        self.check(ours, None)?;
+        Ok(self.doubts())
+    }
+
     fn check(&self, ours: &Picture, mask: Option<&[bool]>) -> Result<(), Error> {
         ours.check_size(self.reference)?;
         check_finite("first", &ours.pixels)?;
@@ -285,7 +291,7 @@ impl<'a> Judge<'a> {
 /// Colours of marks.
 const RED: Vec3 = Vec3::new(1.0, 0.05, 0.0);
 const BLUE: Vec3 = Vec3::new(0.0, 0.15, 1.0);
-const MAGENTA: Vec3 = Vec3::new(1.0, 0.0, 0.7);
+pub(super) const MAGENTA: Vec3 = Vec3::new(1.0, 0.0, 0.7);
 /// Greatest value of what is not marked.
 const DIMMED: f32 = 0.6;
 
@@ -323,7 +329,7 @@ fn noise_map(first: &Picture, second: &Picture, scale: f32) -> Result<Vec<bool>,
 }
 
 /// A picture in dim grey with some pixels in colour.
-fn marked(picture: &Picture, scale: f32, colours: impl Iterator<Item = Option<Vec3>>) -> Picture {
+pub(super) fn marked(picture: &Picture, scale: f32, colours: impl Iterator<Item = Option<Vec3>>) -> Picture {
     let grey = |p: &Vec3| Vec3::splat(DIMMED * (luminance(*p) * scale).clamp(0.0, 1.0));
     let pixels = picture.pixels.iter().zip(colours).map(|(p, colour)| colour.unwrap_or_else(|| grey(p))).collect();
     Picture { pixels, ..*picture }

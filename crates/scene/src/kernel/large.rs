@@ -482,9 +482,65 @@ fn grey_share(seen: Vec4, all: Vec4) -> f32 {
     if all > 0.0 { luminance(seen.truncate()) / all } else { -1.0 }
 }
 
+/// Returns true for pixels of one even surface.
+#[inline]
+fn are_alike(here: &SurfacePoint, there: &SurfacePoint) -> bool {
+    let way = there.position - here.position;
+    let slope = abs(way.dot(here.normal));
+    there.normal.dot(here.normal) >= LIKE_NORMALS && slope * slope <= MAX_SLOPE * MAX_SLOPE * way.length_squared()
+}
+
+/// Share of light at pixel `at` of the tables where it is on the surface of `here` and has samples, else below 0.
+#[inline]
+fn share_alike(here: &SurfacePoint, points: &[SurfacePoint], seen: &[Vec4], all: &[Vec4], at: u32) -> f32 {
+    let at = at as usize;
+    if are_alike(here, &points[at]) { grey_share(seen[at], all[at]) } else { -1.0 }
+}
+
+/// Most by which the share of light bends from a pixel to those a tile further on both sides of it, `before` and
+/// `after`; the change to one side where there is no other, -1 where there is none.
+#[inline]
+fn bend(before: f32, own: f32, after: f32) -> f32 {
+    if before >= 0.0 && after >= 0.0 {
+        abs(before + after - 2.0 * own)
+    } else if before >= 0.0 {
+        abs(before - own)
+    } else if after >= 0.0 {
+        abs(after - own)
+    } else {
+        -1.0
+    }
+}
+
+/// 1 where the share of light that arrives is even, or changes evenly, about pixel `index`, else 0. It is compared with
+/// that of the pixels a tile further on the same surface, whose samples are the same: unlike differences between
+/// neighbours, theirs have no noise. Shapes: all tables `[count_about]`, from pixel `first_about` on; they hold all
+/// pixels of the picture up to [`TILE`] columns and rows away.
+#[inline]
+pub fn steadiness(p: &ShareParams, index: u32, points: &[SurfacePoint], seen: &[Vec4], all: &[Vec4]) -> f32 {
+    let i = index - p.first_about;
+    let own = grey_share(seen[i as usize], all[i as usize]);
+    if own < 0.0 {
+        return 0.0;
+    }
+    let here = points[i as usize];
+    let x = index % p.width;
+    let y = index / p.width;
+    let down = TILE * p.width;
+    let left = if x >= TILE { share_alike(&here, points, seen, all, i - TILE) } else { -1.0 };
+    let right = if x + TILE < p.width { share_alike(&here, points, seen, all, i + TILE) } else { -1.0 };
+    let above = if y >= TILE { share_alike(&here, points, seen, all, i - down) } else { -1.0 };
+    let below = if y + TILE < p.height { share_alike(&here, points, seen, all, i + down) } else { -1.0 };
+    let across = bend(left, own, right);
+    let along = bend(above, own, below);
+    let is_compared = across >= 0.0 || along >= 0.0;
+    if is_compared && across <= p.bend && along <= p.bend { 1.0 } else { 0.0 }
+}
+
 /// Radiance of pixel `index` from rectangles and emitters, W/m²/sr: what `open` says times the share that samples see,
-/// its mean over pixels about on the same surface that see a like share. Shapes: all tables `[count_about]`, from pixel
-/// `first_about` on; they hold all pixels of the picture up to [`REACH`] columns and rows away.
+/// its mean over pixels about on the same surface that see a like share, or about which the share is steady
+/// ([`steadiness`], the last number of `open`). Shapes: all tables `[count_about]`, from pixel `first_about` on; they
+/// hold all pixels of the picture up to [`REACH`] columns and rows away.
 #[inline]
 pub fn shadowed_light(
     p: &ShareParams,
@@ -513,16 +569,13 @@ pub fn shadowed_light(
         let at_y = y + dy;
         if at_x >= 0 && at_y >= 0 && at_x < p.width as i32 && at_y < p.height as i32 {
             let j = (at_y as u32 * p.width + at_x as u32 - p.first_about) as usize;
-            let there = points[j];
             let share = if luminance(open[j].truncate()) > 0.0 { grey_share(seen[j], all[j]) } else { -1.0 };
-            let way = there.position - here.position;
-            let slope = abs(way.dot(here.normal));
             // Its own place may be another surface's: the last sub-frame's.
             let is_own = dx == 0 && dy == 0;
+            let is_steady = at_pixel.w > 0.5 && open[j].w > 0.5;
             let is_like = share >= 0.0
-                && (own < 0.0 || abs(share - own) <= p.tolerance)
-                && there.normal.dot(here.normal) >= LIKE_NORMALS
-                && slope * slope <= MAX_SLOPE * MAX_SLOPE * way.length_squared();
+                && (own < 0.0 || is_steady || abs(share - own) <= p.tolerance)
+                && are_alike(&here, &points[j]);
             if is_like || is_own && share >= 0.0 {
                 let half_x = if dx == REACH || dx == -REACH { 0.5 } else { 1.0 };
                 let half_y = if dy == REACH || dy == -REACH { 0.5 } else { 1.0 };

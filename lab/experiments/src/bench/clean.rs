@@ -1,12 +1,12 @@
 //! `bench clean`: what a person sees wrong in pictures, counted in pixels against a converged reference: noise, leaks,
-//! stains and blotches.
+//! stains, blotches, teeth along edges, and patterns of direct light.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Instant;
 
 use reference::metrics::{Faults, compare_pictures, indirect_scale, noise_picture, noise_share};
-use reference::{DisplayTransform, Judge, Picture, PictureErrors, PictureFile as _, scale_to_stops, stops_to_scale};
+use reference::{DisplayTransform, Edges, Judge, Picture, PictureErrors, PictureFile as _, scale_to_stops, stops_to_scale};
 use serde::Serialize;
 
 use super::setup::{Machine, Setup, bake_settings, load};
@@ -46,8 +46,7 @@ struct Part {
     faults: Faults,
 }
 
-/// Results of a scene. Leaks, stains and blotches are those of indirect light. Leaks, stains and blotches are those of
-/// indirect light.
+/// Results of a scene. Leaks, stains, blotches and teeth are those of indirect light, the pattern that of direct light.
 #[derive(Clone, Serialize)]
 struct Row {
     scene: String,
@@ -56,6 +55,13 @@ struct Row {
     stain_share: f64,
     #[serde(skip_serializing_if = "Option::is_none")]
     blotch_p95: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    blotch16_p95: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    blotch64_p95: Option<f64>,
+    teeth_share: f64,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pattern: Option<f64>,
     full: Part,
     indirect: Part,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -212,12 +218,17 @@ impl Measuring<'_> {
         };
         let full = part(&truth.full(), &shown.first.full, &shown.mean.full, stops_to_scale(stops))?;
         let indirect = part(&truth.indirect(), &shown.first.indirect, &shown.mean.indirect, scale)?;
+        let edges = Edges::new(&loaded.scene, &loaded.view.camera(truth.size().0, truth.size().1));
         let row = Row {
             scene: spec.clone(),
             noise_share: noise_share(&shown.first.full, &shown.second.full, stops_to_scale(stops), None)?,
             leak_share: indirect.faults.leak_share,
             stain_share: indirect.faults.stain_share,
             blotch_p95: indirect.faults.blotch_p95,
+            blotch16_p95: indirect.faults.blotch_16_p95,
+            blotch64_p95: indirect.faults.blotch_64_p95,
+            teeth_share: edges.tooth_share(&truth.indirect(), &shown.mean.indirect)?,
+            pattern: edges.pattern(&truth.pictures.direct, &shown.mean.direct)?,
             full,
             indirect,
             reference_noise: truth.noise(),
@@ -229,7 +240,7 @@ impl Measuring<'_> {
         };
         progress.note(&summary_line(&row));
         let folder = out.join(file_name(spec));
-        let figures = write_figures(&folder, subject, &shown)?;
+        let figures = write_figures(&folder, subject, &edges, &shown)?;
         let text = vec![format!("Compared with {}{}.", truth.source, noise_text(row.reference_noise.as_ref()))];
         let title = format!("{spec}, {} patches", row.patches);
         let section = Section { title, text, figures, plots: Vec::new(), ..Section::default() };
@@ -284,7 +295,7 @@ fn sum(a: &Pictures, b: &Pictures) -> Result<Pictures, Error> {
 }
 
 /// Writes the pictures of a scene into its folder and reads them for the report.
-fn write_figures(folder: &Path, subject: &Subject, shown: &Shown) -> Result<Vec<Figure>, Error> {
+fn write_figures(folder: &Path, subject: &Subject, edges: &Edges, shown: &Shown) -> Result<Vec<Figure>, Error> {
     let Subject { loaded, truth, .. } = subject;
     output::write_pictures(folder, &shown.first, &DisplayTransform::clipped(loaded.exposure_stops))?;
     let stops = loaded.exposure_stops;
@@ -295,7 +306,7 @@ fn write_figures(folder: &Path, subject: &Subject, shown: &Shown) -> Result<Vec<
     let indirect = truth.indirect();
     let blotches = indirect.blotch_picture(&shown.mean.indirect, BLOTCH_EDGE, BLOTCH_RANGE)?;
     let noise = noise_picture(&shown.first.full, &shown.second.full, full_scale)?;
-    let drawn: [(&str, &str, &Picture, f32); 9] = [
+    let drawn: [(&str, &str, &Picture, f32); 12] = [
         ("full", "all light", &shown.first.full, stops),
         ("reference-full", "all light, reference", &truth.pictures.full, stops),
         ("noise", "noise: two frames differ by more than 1/255", &noise, 0.0),
@@ -315,6 +326,14 @@ fn write_figures(folder: &Path, subject: &Subject, shown: &Shown) -> Result<Vec<
         ),
         ("faults-full", "all light: leaks red, stains blue", &full.fault_picture(&shown.mean.full, full_scale)?, 0.0),
         ("mean-indirect", "indirect light, mean of all frames", &shown.mean.indirect, indirect_stops),
+        (
+            "teeth",
+            "indirect light: teeth, pixels near edges that are off by more than 25 %",
+            &edges.tooth_picture(&indirect, &shown.mean.indirect, scale)?,
+            0.0,
+        ),
+        ("direct", "direct light", &shown.first.direct, stops),
+        ("reference-direct", "direct light, reference", &truth.pictures.direct, stops),
     ];
     let mut figures = Vec::new();
     for (name, caption, picture, stops) in drawn {
@@ -366,22 +385,35 @@ fn noise_text(noise: Option<&KeptNoise>) -> String {
 
 fn summary_line(row: &Row) -> String {
     format!(
-        "{}: noise {} %, leaks {} %, stains {} %, blotches {} %",
+        "{}: noise {} %, leaks {} %, stains {} %, blotches {} %, teeth {} %, pattern {}",
         row.scene,
         percent(row.noise_share),
         percent(row.leak_share),
         percent(row.stain_share),
-        percent_or_none(row.blotch_p95)
+        percent_or_none(row.blotch_p95),
+        percent(row.teeth_share),
+        pattern_text(row.pattern),
     )
 }
 
 fn tables(outcomes: &[Outcome]) -> Vec<Table> {
-    let head = ["scene", "patches", "noise %", "leaks %", "stains %", "blotches 16 / 32 / 64, %", "bake s"];
+    let head = [
+        "scene",
+        "patches",
+        "noise %",
+        "leaks %",
+        "stains %",
+        "blotches 16 / 32 / 64, %",
+        "teeth %",
+        "pattern",
+        "bake s",
+    ];
     let faults = Table {
         caption: "Shares of pixels. Noise: two frames of one bake differ by more than 1/255. Of indirect light, mean \
                   of all frames: leaks, brighter than the reference by more than 10 % of the mean indirect light; \
                   stains, darker by more than 25 %; blotches, 95th percentile of the relative errors of means over \
-                  squares."
+                  squares; teeth, within 3 pixels of an edge and off by more than 25 %. Pattern: greatest correlation \
+                  of the relative error of direct light with itself 2 to 16 pixels further, away from edges."
             .to_owned(),
         head: head.map(str::to_owned).to_vec(),
         rows: outcomes.iter().map(|outcome| fault_cells(&outcome.row)).collect(),
@@ -461,8 +493,14 @@ fn fault_cells(row: &Row) -> Vec<String> {
         percent(row.leak_share),
         percent(row.stain_share),
         [blotch_16_p95, blotch_p95, blotch_64_p95].map(percent_or_none).join(" / "),
+        percent(row.teeth_share),
+        pattern_text(row.pattern),
         format!("{:.1}", row.bake_s),
     ]
+}
+
+fn pattern_text(pattern: Option<f64>) -> String {
+    pattern.map_or_else(|| "–".to_owned(), |correlation| format!("{correlation:.3}"))
 }
 
 fn error_cells(row: &Row) -> [Vec<String>; 2] {

@@ -2,7 +2,7 @@
 //! the other. Bands are parts of the same tables; a pixel is what it is without them, in every bit.
 
 use runtime::plan::{RANGE_ALIGNMENT, Slice};
-use scene::kernel::large::REACH;
+use scene::kernel::large::TILE;
 use scene::{Rgb, SurfacePoint};
 
 /// Bands begin at multiples of this, so that ranges of tables of 16 and more bytes a pixel may begin there.
@@ -27,7 +27,7 @@ impl Band {
         table.part(self.first as usize, self.count as usize)
     }
 
-    /// With the pixels about that an average of direct light takes in: up to [`REACH`] columns and rows away.
+    /// With the pixels about that direct light is compared and averaged with: up to [`TILE`] columns and rows away.
     pub fn with_pixels_about(self, (width, height): (u32, u32)) -> Self {
         let margin = reach(width);
         let first = self.first.saturating_sub(margin) / STEP * STEP;
@@ -36,9 +36,9 @@ impl Band {
     }
 }
 
-/// Distance of the furthest pixels that an average takes in.
+/// Distance of the furthest pixels that a pixel is compared or averaged with.
 fn reach(width: u32) -> u32 {
-    (width + 1).saturating_mul(REACH as u32)
+    (width + 1).saturating_mul(TILE)
 }
 
 /// A picture in bands, so that a binding of `range` bytes shows the points of each and of the pixels about; bands of
@@ -75,8 +75,8 @@ mod tests {
                 let about = band.with_pixels_about(size);
                 assert!(u64::from(about.count) * size_of::<SurfacePoint>() as u64 <= range, "{band:?} in {range}");
                 let last = band.first + band.count - 1;
-                assert!(about.first <= band.first.saturating_sub(2 * size.0 + 2) && about.first % STEP == 0);
-                assert!(about.first + about.count > (last + 2 * size.0 + 2).min(size.0 * size.1 - 1));
+                assert!(about.first <= band.first.saturating_sub(4 * size.0 + 4) && about.first % STEP == 0);
+                assert!(about.first + about.count > (last + 4 * size.0 + 4).min(size.0 * size.1 - 1));
                 assert!(about.first + about.count <= size.0 * size.1);
             }
             assert_eq!(next, size.0 * size.1);

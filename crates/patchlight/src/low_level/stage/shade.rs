@@ -186,8 +186,12 @@ pub fn add_pixels(
         shade.sub_frames.push(sub_frame);
     }
     if let Some(smooth) = &shade.smooth {
-        let add = |&band| smooth.add_sum(plan, &shade.pixels, band, (full, direct));
-        shade.last = shade.bands.iter().map(add).collect::<Result<_, _>>()?;
+        for &band in &shade.bands {
+            shade.last.push(smooth.add_marks(plan, &shade.pixels, band)?);
+        }
+        for &band in &shade.bands {
+            shade.last.push(smooth.add_sum(plan, &shade.pixels, band, (full, direct))?);
+        }
     }
     shade.passes = plan.all_passes().split_off(first);
     Ok(shade)

@@ -2,7 +2,7 @@
 //! exactly where nothing is in the way, times the share that shadow rays of a fixed pattern see, averaged over like
 //! pixels. Parallel, point and spot lights have a shadow ray in each sub-frame.
 
-use gpu_kernels::scene::AddLargeLightPass;
+use gpu_kernels::scene::{AddLargeLightPass, MarkSteadyPass};
 use runtime::executor::{Executor, ExecutorError};
 use runtime::plan::{PassId, Plan, Slice};
 use runtime::recipe::scene::{LargeLight, PassMedium, SceneTables};
@@ -12,9 +12,12 @@ use scene::{Camera, Rgb};
 use super::bands::Band;
 use super::shade::{Indirect, PixelBuffers, PixelSettings, Shot};
 
-/// Most by which shares of light differ that are averaged, times the number of samples of a pixel: with few samples
-/// all, with many only those that differ by a step or two of their counting.
-const TOLERANCE: f32 = 2.5;
+/// Most by which shares of light differ that are averaged where it is not steady, times the root of the number of samples
+/// of a pixel: about as much as chance makes of equal shares. With few samples all are averaged.
+const TOLERANCE: f32 = 0.9;
+/// Most by which the share of light bends over a tile where it counts as steady. Averages over 5 × 5 pixels blur an edge
+/// of that height by half of it in two pixels, and are wrong by a twentieth of it where light bends smoothly.
+const BEND: f32 = 0.15;
 
 /// Buffers of all sub-frames.
 #[derive(Clone, Copy, Debug)]
@@ -97,7 +100,23 @@ impl SmoothLight {
         Ok(SmoothPasses { sharp, large })
     }
 
-    /// Adds the pass behind all sub-frames, which adds what they found to the sums of the pixels of a band.
+    /// Adds the pass behind all sub-frames that marks where in a band light is steady.
+    ///
+    /// # Errors
+    /// What the plan says.
+    pub fn add_marks(&self, plan: &mut Plan, buffers: &PixelBuffers, band: Band) -> Result<PassId, ExecutorError> {
+        let about = band.with_pixels_about(self.size);
+        let pass = MarkSteadyPass {
+            points: about.of(buffers.points),
+            seen: about.of(self.seen),
+            sampled: about.of(self.sampled),
+            open: band.of(self.open),
+        };
+        Ok(plan.add("shade", &pass, &self.shares(band, about))?)
+    }
+
+    /// Adds the pass behind the marks of all bands, which adds what the sub-frames found to the sums of the pixels of a
+    /// band.
     ///
     /// # Errors
     /// What the plan says.
@@ -117,18 +136,22 @@ impl SmoothLight {
             full: band.of(full),
             direct: band.of(direct),
         };
+        Ok(plan.add("shade", &pass, &self.shares(band, about))?)
+    }
+
+    fn shares(&self, band: Band, about: Band) -> ShareParams {
         let samples = (self.direct.area_rays * self.sub_frames) as f32;
-        let params = ShareParams {
+        let tolerance = TOLERANCE / samples.sqrt();
+        ShareParams {
             count: band.count,
             first: band.first,
             width: self.size.0,
             height: self.size.1,
             first_about: about.first,
             count_about: about.count,
-            tolerance: TOLERANCE / samples,
-            reserved: 0,
-        };
-        Ok(plan.add("shade", &pass, &params)?)
+            tolerance,
+            bend: BEND.max(0.5 * tolerance),
+        }
     }
 
     /// The camera with the positions of these sub-frames.
