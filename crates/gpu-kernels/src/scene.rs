@@ -129,12 +129,13 @@ kernels! {
     }
 
     /// Albedo of what every pixel's primary ray met: [`shade::pixel_albedo`]. One invocation per pixel.
-    SCENE_ALBEDO: AlbedoPass = "scene_albedo"(p: CountParams) for k in 0..count {
+    SCENE_ALBEDO: AlbedoPass = "scene_albedo"(p: PixelParams) for k in 0..count {
         hits: read [Hit; count],
         geometry: GeometryTables,
         albedo: write [Rgb],
     } each {
-        shade::pixel_albedo(&geometry, hits[k as usize])
+        let direction = camera::primary_direction(&p.camera, p.first + k, p.seed);
+        shade::pixel_albedo(&geometry, &p.camera, direction, hits[k as usize])
     }
 
     /// Adds the radiance of one sub-frame to every pixel's sum, W/m²/sr: [`shade::add_sub_frame`].

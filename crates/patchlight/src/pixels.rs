@@ -63,7 +63,7 @@ impl PixelGather<'_> {
         let count = self.lights.len() as u32;
         for ((pixel, hit, _), irradiance) in visible.into_iter().zip(light) {
             let direction = primary_direction(self.camera, pixel as u32, seed);
-            let albedo = pixel_albedo(&geometry, hit).truncate();
+            let albedo = pixel_albedo(&geometry, self.camera, direction, hit).truncate();
             let shown =
                 |light: Vec3| pixel_radiance(&geometry, &lights, count, self.camera, direction, hit, albedo, light);
             sums[pixel] += shown(irradiance.truncate()) - shown(Vec3::ZERO);

@@ -26,8 +26,13 @@ const BLIND: Parameter = Parameter {
     is_whole: false,
 };
 /// Parts of the arch.
-const SEGMENTS: Parameter =
-    Parameter { name: "segments", about: "straight parts of the arch", default: 24.0, range: 2.0..=96.0, is_whole: true };
+const SEGMENTS: Parameter = Parameter {
+    name: "segments",
+    about: "straight parts of the arch",
+    default: 24.0,
+    range: 2.0..=96.0,
+    is_whole: true,
+};
 /// Accepted parameters.
 pub const PARAMETERS: &[Parameter] = &[PANE, BLIND, SEGMENTS];
 
@@ -55,11 +60,8 @@ const RADIANCE: Vec3 = Vec3::new(9.0, 9.6, 10.5);
 pub fn build(values: &Values) -> Result<Built, lights::Fault> {
     let mut b = Builder::default();
     room(&mut b);
-    let [frame, slat, wood] = [
-        b.plain("frame", [0.74, 0.73, 0.7]),
-        b.plain("slat", [0.66, 0.62, 0.54]),
-        b.plain("wood", [0.42, 0.29, 0.2]),
-    ];
+    let [frame, slat, wood] =
+        [b.plain("frame", [0.74, 0.73, 0.7]), b.plain("slat", [0.66, 0.62, 0.54]), b.plain("wood", [0.42, 0.29, 0.2])];
     let pane = b.material(MaterialDraft { radiance: RADIANCE, albedo: Vec3::splat(0.2), ..MaterialDraft::new("pane") });
     let depth = FRAME[0] - values.get_f32(&PANE);
     for (k, along) in ALONG.into_iter().enumerate() {
@@ -140,7 +142,9 @@ fn arch(b: &mut Builder, material: u32, [left, right]: [f32; 2], segments: usize
             b.triangle(material, corners, [glam::Vec2::ZERO; 3]);
         }
         // Below the corners, to the middle of the circle.
-        let soffit = |r: f32, [back, front]: [f32; 2]| [at(k, r, front), at(k + 1, r, front), at(k + 1, r, back), at(k, r, back)];
+        let soffit = |r: f32, [back, front]: [f32; 2]| {
+            [at(k, r, front), at(k + 1, r, front), at(k + 1, r, back), at(k, r, back)]
+        };
         b.plain_quad(material, soffit(radius, [FRAME[1], 0.0]));
         b.plain_quad(material, soffit(radius, [-WALL, FRAME[0]]));
         let inner = radius - BAR;

@@ -67,8 +67,7 @@ impl Edges {
             let (p, q) = (&points[a], &points[b]);
             let way = q.position - p.position;
             let off = way.dot(p.normal).abs().max(way.dot(q.normal).abs());
-            seen[a] != seen[b]
-                || seen[a] && (p.normal.dot(q.normal) < LIKE_NORMALS || off > MAX_SLOPE * way.length())
+            seen[a] != seen[b] || seen[a] && (p.normal.dot(q.normal) < LIKE_NORMALS || off > MAX_SLOPE * way.length())
         };
         let is_edge: Vec<bool> = (0..points.len())
             .map(|k| {

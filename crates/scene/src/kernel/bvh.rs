@@ -5,6 +5,7 @@ use glam::{Vec2, Vec3};
 
 use super::texture;
 use crate::gpu::{BvhNode, Hit, Material, NONE, Texture, Triangle, TriangleUv};
+use crate::math::{abs, sqrt};
 
 /// Levels of the hierarchy that fit on the traversal stack; the host refuses deeper ones.
 pub const STACK_SIZE: usize = 64;
@@ -91,6 +92,34 @@ impl GeometryTables<'_> {
         }
         let t = self.textures[material.albedo_texture as usize];
         texture::sample(t, self.texels, self.texture_coordinate(triangle, u, v), level).truncate()
+    }
+
+    /// Reflectance about the shares (u, v), averaged over about `area` m² of the triangle: between the two levels of the
+    /// mip pyramid whose texels are nearest to that in size.
+    #[inline]
+    pub fn albedo_over(&self, triangle: u32, u: f32, v: f32, area: f32) -> Vec3 {
+        let t = self.triangles[triangle as usize];
+        let material = self.materials[t.material as usize];
+        if material.albedo_texture == NONE {
+            return material.albedo;
+        }
+        let texture = self.textures[material.albedo_texture as usize];
+        let uv = self.uvs[triangle as usize];
+        let share = abs((uv.corner_a - uv.corner).perp_dot(uv.corner_b - uv.corner));
+        // Texels that the area covers; a level up, a texel is four times as large.
+        let mut covered = area * share * (texture.width * texture.height) as f32 / t.edge_a.cross(t.edge_b).length();
+        let mut level = 0;
+        while covered > 4.0 && level + 1 < texture.levels {
+            covered *= 0.25;
+            level += 1;
+        }
+        let fine = self.albedo_at_level(triangle, u, v, level);
+        if covered > 1.0 && level + 1 < texture.levels {
+            let coarse = self.albedo_at_level(triangle, u, v, level + 1);
+            fine + (coarse - fine) * (sqrt(covered) - 1.0)
+        } else {
+            fine
+        }
     }
 
     /// Returns true if the triangle mirrors light or lets it through.

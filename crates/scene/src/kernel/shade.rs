@@ -8,7 +8,7 @@ use super::bvh::{FAR, GeometryTables};
 use super::camera::primary_direction;
 use super::light::{Lights, meet_rect, sky_radiance};
 use crate::gpu::{Camera, Hit, NONE};
-use crate::math::pow;
+use crate::math::{abs, pow, sqrt};
 
 /// Radiance to the eye, W/m²/sr: `L = L_e + ρ/π (H_d + H)`; the sky, or a rectangle light in front of the surface,
 /// shows its own radiance. `albedo` is that of the surface.
@@ -44,10 +44,28 @@ pub fn pixel_radiance(
     radiance
 }
 
-/// Albedo of what a primary ray met; 0 for the sky.
+/// Albedo of what a primary ray in unit `direction` met, averaged over what a sub-frame shows of a pixel there; 0 for the
+/// sky.
 #[inline]
-pub fn pixel_albedo(g: &GeometryTables, hit: Hit) -> Vec4 {
-    if hit.triangle == NONE { Vec4::ZERO } else { g.albedo(hit.triangle, hit.u, hit.v).extend(0.0) }
+pub fn pixel_albedo(g: &GeometryTables, camera: &Camera, direction: Vec3, hit: Hit) -> Vec4 {
+    if hit.triangle == NONE {
+        return Vec4::ZERO;
+    }
+    let area = footprint(g, camera, direction, hit);
+    g.albedo_over(hit.triangle, hit.u, hit.v, area).extend(0.0)
+}
+
+/// Area of the triangle that was hit in unit `direction` which a sub-frame of a pixel shows, m²: all of the pixel where
+/// the positions of sub-frames are random. Grows without limit towards grazing rays.
+#[inline]
+pub fn footprint(g: &GeometryTables, camera: &Camera, direction: Vec3, hit: Hit) -> f32 {
+    let cosine = abs(g.normal(hit.triangle).dot(direction));
+    let depth = hit.t * direction.dot(camera.forward);
+    let pixel = 4.0 * sqrt(camera.right.length_squared() * camera.up.length_squared())
+        / (camera.width as f32 * camera.height as f32);
+    let shown = if camera.fixed_sub_frames > 0 { 1.0 / camera.fixed_sub_frames as f32 } else { 1.0 };
+    let least = 1e-6;
+    pixel * shown * depth * depth * direction.dot(camera.forward) / if cosine > least { cosine } else { least }
 }
 
 /// Sum of a pixel's radiance after one more sub-frame, W/m²/sr: what its primary ray of sub-frame `seed` met, lit by

@@ -6,7 +6,9 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use reference::metrics::{Faults, compare_pictures, indirect_scale, noise_picture, noise_share};
-use reference::{DisplayTransform, Edges, Judge, Picture, PictureErrors, PictureFile as _, scale_to_stops, stops_to_scale};
+use reference::{
+    DisplayTransform, Edges, Judge, Picture, PictureErrors, PictureFile as _, scale_to_stops, stops_to_scale,
+};
 use serde::Serialize;
 
 use super::setup::{Machine, Setup, bake_settings, load};

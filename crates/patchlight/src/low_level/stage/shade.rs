@@ -303,7 +303,10 @@ fn add_sub_frame(
         let seen = band.of(buffers.albedo);
         let count = CountParams { count: band.count };
         match buffers.chains {
-            None => albedo.push(plan.add("shade", &AlbedoPass { hits, geometry, albedo: seen }, &count)?),
+            None => {
+                let camera = PixelParams { count: band.count, first: band.first, ..PixelParams::default() };
+                albedo.push(plan.add("shade", &AlbedoPass { hits, geometry, albedo: seen }, &camera)?);
+            }
             // Points are a part of what is seen; their passes stand after those whose push constants change.
             Some(chains) => {
                 let points = band.of(buffers.points);
@@ -471,7 +474,7 @@ impl Shade {
             let seed = if self.smooth.is_some() { number } else { seed };
             let light = DirectParams { light_count, emitter_count: shot.emitter_count, sky_rays, seed, ..direct };
             let pixels = PixelParams { camera, seed, light_count, ..PixelParams::default() };
-            for ((band, primary), passes) in self.bands.iter().zip(&sub.primary).zip(&sub.bands) {
+            for (k, ((band, primary), passes)) in self.bands.iter().zip(&sub.primary).zip(&sub.bands).enumerate() {
                 let &Band { first, count } = band;
                 self.medium.push_direct(executor, passes.light, &DirectParams { first, count, ..light })?;
                 if let (Some(smooth), Some(large)) = (&self.smooth, &passes.smooth) {
@@ -485,7 +488,8 @@ impl Shade {
                     executor.push(*primary, &follow)?;
                     continue;
                 }
-                for pass in [*primary, passes.shade_full].into_iter().chain(passes.shade_direct) {
+                let seen = [*primary, passes.shade_full, sub.albedo[k]];
+                for pass in seen.into_iter().chain(passes.shade_direct) {
                     executor.push(pass, &pixels)?;
                 }
             }
