@@ -15,8 +15,8 @@ use runtime::executor::Executor;
 
 const SIZE: (u32, u32) = (97, 51);
 const SUB_FRAMES: u32 = 2;
-/// Bytes of a binding in which 608 pixels fit with the rows above and below them.
-const RANGE: u64 = 1 << 15;
+/// Bytes of a binding in which 608 pixels fit with the four rows above and below them.
+const RANGE: u64 = 32 * (608 + 2 * 4 * (97 + 1) + 16);
 const BANDS: usize = (97 * 51_usize).div_ceil(608);
 
 fn setup() -> Setup {

@@ -233,38 +233,26 @@ fn no_float_operation_may_be_contracted() {
     assert!(10 * without.len() < KERNELS.len(), "these compute nothing: {without:?}");
 }
 
-/// Instructions of GLSL.std.450 that give the same bits on every device we know (or, the power, a stated tolerance):
-/// Trunc, FAbs, Floor, Ceil, Pow, Sqrt, FMin, UMin, SMin, FMax, UMax, SMax, FClamp, UClamp, SClamp, UnpackHalf2x16,
+/// Instructions of GLSL.std.450 that give the same bits on every device we know:
+/// Trunc, FAbs, Floor, Ceil, Sqrt, FMin, UMin, SMin, FMax, UMax, SMax, FClamp, UClamp, SClamp, UnpackHalf2x16,
 /// FindILsb.
-const ALLOWED_MATHS: [u32; 17] = [3, 4, 8, 9, 26, 31, 37, 38, 39, 40, 41, 42, 43, 44, 45, 62, 73];
+const ALLOWED_MATHS: [u32; 16] = [3, 4, 8, 9, 31, 37, 38, 39, 40, 41, 42, 43, 44, 45, 62, 73];
 
-/// Pow and Log, and where they may stand: of displayed colours eight bits are left.
-const POW: u32 = 26;
-const LOG: u32 = 28;
-const DISPLAY: &str = "scene_tone_map";
-
-fn foreign_maths(name: &str, module: &Module) -> Vec<u32> {
-    module
-        .all(op::EXT_INST)
-        .map(|o| o[3])
-        .filter(|i| match *i {
-            POW | LOG => name != DISPLAY,
-            other => !ALLOWED_MATHS.contains(&other),
-        })
-        .collect()
+fn foreign_maths(module: &Module) -> Vec<u32> {
+    module.all(op::EXT_INST).map(|o| o[3]).filter(|i| !ALLOWED_MATHS.contains(i)).collect()
 }
 
 #[test]
 fn maths_that_differs_between_devices_is_not_used() {
     for (name, mut module) in modules() {
-        assert_eq!(foreign_maths(name, &module), [0; 0], "{name}: GLSL.std.450 instructions outside of the list");
+        assert_eq!(foreign_maths(&module), [0; 0], "{name}: GLSL.std.450 instructions outside of the list");
         // Neither the remainders of floats, which differ too.
         assert_eq!(module.all(op::F_REM).count() + module.all(op::F_MOD).count(), 0, "{name}");
         const SIN: u32 = 13;
         for i in module.instructions.iter_mut().filter(|i| i.operation == op::EXT_INST) {
             i.operands[3] = SIN;
         }
-        assert_eq!(foreign_maths(name, &module).len(), module.all(op::EXT_INST).count());
+        assert_eq!(foreign_maths(&module).len(), module.all(op::EXT_INST).count());
     }
 }
 

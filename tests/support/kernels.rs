@@ -520,9 +520,9 @@ fn large_light(r: &mut Random, name: &str, scene: &Scene) -> (u32, Vec<u8>, Tabl
         buffer("direct", &r.colors(n)),
     ];
     match name {
-        "scene_add_large_light" => {
+        "scene_mark_steady" | "scene_add_large_light" => {
             // The tables have the pixels about, too.
-            let margin = 2 * width + 2;
+            let margin = 4 * width + 4;
             let count = p.count - 2 * margin;
             let share = ShareParams {
                 count,
@@ -532,7 +532,7 @@ fn large_light(r: &mut Random, name: &str, scene: &Scene) -> (u32, Vec<u8>, Tabl
                 first_about: p.first,
                 count_about: p.count,
                 tolerance: 0.3,
-                reserved: 0,
+                bend: 0.3,
             };
             call(count, share, tables)
         }
@@ -644,9 +644,11 @@ fn own_tables(r: &mut Random, name: &str, scene: &Scene) -> (u32, Vec<u8>, Table
                 _ => call(150, MediumDirectParams { direct: p, absorption: ABSORPTION, count: 150 }, tables),
             }
         }
-        "scene_open_light" | "scene_seen_light" | "scene_seen_light_medium" | "scene_add_large_light" => {
-            large_light(r, name, scene)
-        }
+        "scene_open_light"
+        | "scene_seen_light"
+        | "scene_seen_light_medium"
+        | "scene_mark_steady"
+        | "scene_add_large_light" => large_light(r, name, scene),
         "scene_follow" | "scene_chain_surface" | "scene_chain_shade" => chains(r, name, scene),
         "scene_primary" | "scene_albedo" | "scene_shade" | "transport_interpolate" | "transport_mark_pixels" => {
             let eye = Vec3::new(1.7, 1.2, 1.9);
@@ -669,7 +671,7 @@ fn own_tables(r: &mut Random, name: &str, scene: &Scene) -> (u32, Vec<u8>, Table
             }
             if name == "scene_albedo" {
                 let tables = vec![buffer("hits", &hits), room::<Vec4>("albedo", n)];
-                return call(p.count, CountParams { count: p.count }, tables);
+                return call(p.count, p, tables);
             }
             let (grids, count) = grids(r, scene, cell_count);
             let mut values = 0;

@@ -17,7 +17,7 @@ use experiments::bench;
         patchlight-clean --references\n  \
         patchlight-bench clean rooms:wall=0 office:ground=1000 --paths 256\n\n\
         Experiments:\n  \
-        clean      noise, leaks, stains and blotches of pictures against converged references, with pictures that mark them;\n             \
+        clean      noise, leaks, stains, blotches, teeth and patterns of pictures against converged references, with marks;\n             \
         clean --references makes the references\n  \
         patches    errors of voxel, axis and cluster patches over their number and that of receivers, beside the voxelisation\n             \
         proxy; where the error is; lights that the bake has not seen\n  \

@@ -47,7 +47,7 @@ fn a_footprint_is_the_area_that_a_pixel_shows() {
             let hit = primary_hit(&tables, &camera, k, 0);
             footprint(&tables, &camera, primary_direction(&camera, k, 0), hit)
         });
-        let edge = 2.0 * 3.0 * 20.0_f32.to_radians().tan();
+        let edge = 2.0 * 3.0 * patchlight_scene::math::tan(20.0_f32.to_radians());
         let expected = edge * edge * 64.0 / 48.0 / sub_frames.max(1) as f32;
         let sum: f32 = areas.sum();
         assert!((sum / expected - 1.0).abs() < 1e-3, "{sub_frames}: {sum}, expected {expected}");

@@ -27,7 +27,7 @@ pub enum Experiment {
     Local,
     /// Photons to an error: from where lights fall first, and from the lights.
     Firstshot,
-    /// Visible faults of pictures: noise, leaks, stains, blotches, against converged references.
+    /// Visible faults of pictures: noise, leaks, stains, blotches, teeth, patterns, against converged references.
     Clean,
     /// Whole light updates: lights that move, lights that rest, a lamp that is switched, for every receiver and for
     /// those in view; where the time goes, and how far from the bandwidth that is.

@@ -8,7 +8,7 @@ use super::bvh::{FAR, GeometryTables};
 use super::camera::primary_direction;
 use super::light::{Lights, meet_rect, sky_radiance};
 use crate::gpu::{Camera, Hit, NONE};
-use crate::math::{abs, pow, sqrt};
+use crate::math::{abs, pow, pow_unit, sqrt};
 
 /// Radiance to the eye, W/m²/sr: `L = L_e + ρ/π (H_d + H)`; the sky, or a rectangle light in front of the surface,
 /// shows its own radiance. `albedo` is that of the surface.
@@ -94,7 +94,7 @@ pub fn add_sub_frame(
 /// sRGB code value in [0, 1] of a linear one in [0, 1] (IEC 61966-2-1).
 #[inline]
 pub fn encode_srgb(x: f32) -> f32 {
-    if x <= 0.003_130_8 { 12.92 * x } else { 1.055 * pow(x, 1.0 / 2.4) - 0.055 }
+    if x <= 0.003_130_8 { 12.92 * x } else { 1.055 * pow_unit(x, 1.0 / 2.4) - 0.055 }
 }
 
 /// Linear value of an sRGB code value.

@@ -1,12 +1,10 @@
 //! From radiance to the colours of a display.
 
-use core::f32::consts::LOG2_E;
-
 use glam::{Mat3, Vec3, Vec4};
 
 use super::shade::encode_srgb;
 use crate::gpu::{Rgb, TONE_AGX, TONE_NEUTRAL};
-use crate::math::{clamp, ln, luminance, pow};
+use crate::math::{clamp, log2, luminance, pow_unit};
 
 /// Brightest colour that [`neutral`] leaves as it is, and how fast what is brighter turns white.
 const NEUTRAL_START: f32 = 0.8 - 0.04;
@@ -82,12 +80,12 @@ pub fn agx(color: Vec3) -> Vec3 {
     let inside = AGX_INWARDS * (REC709_TO_REC2020 * color);
     let curved = Vec3::new(agx_curve(inside.x), agx_curve(inside.y), agx_curve(inside.z));
     let outside = (AGX_OUTWARDS * curved).max(Vec3::ZERO);
-    REC2020_TO_REC709 * Vec3::new(pow(outside.x, 2.2), pow(outside.y, 2.2), pow(outside.z, 2.2))
+    REC2020_TO_REC709 * Vec3::new(pow_unit(outside.x, 2.2), pow_unit(outside.y, 2.2), pow_unit(outside.z, 2.2))
 }
 
 #[inline]
 fn agx_curve(x: f32) -> f32 {
-    let stops = ln(if x > 1e-10 { x } else { 1e-10 }) * LOG2_E;
+    let stops = log2(if x > 1e-10 { x } else { 1e-10 });
     let x = clamp((stops - AGX_LOW) / (AGX_HIGH - AGX_LOW), 0.0, 1.0);
     let low = -0.002_32 + x * (0.1191 + x * (0.4298 - x * 6.868));
     let high = 31.96 + x * (-40.14 + x * 15.5);
