@@ -570,6 +570,9 @@ fn chains(r: &mut Random, name: &str, scene: &Scene) -> (u32, Vec<u8>, Tables) {
         buffer("sum", &r.colors(n)),
         room::<SurfacePoint>("points", n),
     ];
+    if name == "scene_chain_surface" {
+        return call(count, pixels, tables);
+    }
     call(count, CountParams { count }, tables)
 }
 

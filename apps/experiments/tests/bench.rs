@@ -399,7 +399,7 @@ fn bench_clean_counts_faults_against_references_that_it_keeps() {
     let summary = read();
     assert_eq!((&summary["name"], &summary["size"]), (&"clean".into(), &serde_json::json!([48, 32])));
     for row in summary["rows"].as_array().unwrap() {
-        for key in ["noise_share", "leak_share", "stain_share"] {
+        for key in ["noise_share", "leak_share", "stain_share", "teeth_share"] {
             assert!((0.0..=1.0).contains(&row[key].as_f64().unwrap()), "{key}: {row}");
         }
         for part in ["full", "indirect"] {
@@ -415,7 +415,7 @@ fn bench_clean_counts_faults_against_references_that_it_keeps() {
         });
     }
     let report = std::fs::read_to_string(folder.path().join("out/report.html")).unwrap();
-    assert!(report.matches("data:image/png;base64,").count() == 2 * 9 && !report.contains("http"));
+    assert!(report.matches("data:image/png;base64,").count() == 2 * 12 && !report.contains("http"));
     for name in ["faults-indirect.png", "noise.png", "blotches.png", "full.exr"] {
         assert!(folder.path().join("out/rooms-wall-0.1").join(name).is_file(), "{name}");
     }

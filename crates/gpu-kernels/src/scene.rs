@@ -188,7 +188,7 @@ kernels! {
 
     /// Points to be lit where specular paths end, and the albedo there, times the path's factor:
     /// [`normal::shading_point`], [`specular::chain_albedo`]. One invocation per pixel.
-    SCENE_CHAIN_SURFACE: ChainSurfacePass = "scene_chain_surface"(p: CountParams) for k in 0..count {
+    SCENE_CHAIN_SURFACE: ChainSurfacePass = "scene_chain_surface"(p: PixelParams) for k in 0..count {
         hits: read [Hit; count],
         chains: read [SpecularChain; count],
         geometry: GeometryTables,
@@ -198,7 +198,7 @@ kernels! {
         let hit = hits[k as usize];
         let chain = chains[k as usize];
         let point = normal::shading_point(&geometry, hit, chain.direction);
-        (point, specular::chain_albedo(&geometry, hit, chain))
+        (point, specular::chain_albedo(&geometry, &p.camera, hit, chain))
     }
 
     /// Adds the radiance of one sub-frame to every pixel's sum, W/m²/sr:

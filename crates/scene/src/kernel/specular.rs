@@ -9,6 +9,7 @@ use super::bvh::{FAR, GeometryTables, closest_hit};
 use super::camera::primary_direction;
 use super::light::{Lights, meet_rect, sky_radiance};
 use super::medium::transmittance;
+use super::shade::pixel_albedo;
 use crate::gpu::{Camera, Hit, NONE, SpecularChain};
 use crate::math::{abs, luminance, sqrt};
 use crate::sampling::{hash3, owen_scramble, unit};
@@ -175,13 +176,11 @@ pub fn follow_primary(
     (Hit::MISS, chain)
 }
 
-/// Albedo of the surface that a chain shows, times what its light is multiplied by on its way to the pixel.
+/// Albedo of the surface that a chain shows, averaged as [`pixel_albedo`] does, times what its light is multiplied by on
+/// its way to the pixel. Behind mirrors it is averaged over less than a pixel shows, for only the last way counts.
 #[inline]
-pub fn chain_albedo(g: &GeometryTables, hit: Hit, chain: SpecularChain) -> Vec4 {
-    if hit.triangle == NONE {
-        return Vec4::ZERO;
-    }
-    (g.albedo(hit.triangle, hit.u, hit.v) * chain.through).extend(0.0)
+pub fn chain_albedo(g: &GeometryTables, camera: &Camera, hit: Hit, chain: SpecularChain) -> Vec4 {
+    pixel_albedo(g, camera, chain.direction, hit) * chain.through.extend(1.0)
 }
 
 /// Sum of a pixel's radiance after one more sub-frame, W/m²/sr, as [`super::shade::add_sub_frame`] has it, of what a

@@ -63,7 +63,7 @@ mod tests {
         let size = (3840, 2160);
         let limit = 1 << 27;
         for (size, range, expected) in
-            [((960, 540), limit, 1), (size, u64::MAX, 1), (size, limit, 2), (size, limit / 2, 4)]
+            [((960, 540), limit, 1), (size, u64::MAX, 1), (size, limit, 2), (size, limit / 2, 5)]
         {
             let bands = bands(size, range);
             assert_eq!(bands.len(), expected, "{size:?} in {range}");

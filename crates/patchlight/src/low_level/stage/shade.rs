@@ -301,17 +301,16 @@ fn add_sub_frame(
     for &band in &shade.bands {
         let hits = band.of(buffers.hits);
         let seen = band.of(buffers.albedo);
-        let count = CountParams { count: band.count };
+        let camera = PixelParams { count: band.count, first: band.first, ..PixelParams::default() };
         match buffers.chains {
             None => {
-                let camera = PixelParams { count: band.count, first: band.first, ..PixelParams::default() };
                 albedo.push(plan.add("shade", &AlbedoPass { hits, geometry, albedo: seen }, &camera)?);
             }
             // Points are a part of what is seen; their passes stand after those whose push constants change.
             Some(chains) => {
                 let points = band.of(buffers.points);
                 let pass = ChainSurfacePass { hits, chains: band.of(chains), geometry, points, albedo: seen };
-                primary.push(plan.add("shade", &pass, &count)?);
+                primary.push(plan.add("shade", &pass, &camera)?);
             }
         }
     }
@@ -486,6 +485,7 @@ impl Shade {
                     let absorption = self.medium.absorption;
                     let follow = FollowParams { pixels, absorption, ray_offset, count, ..FollowParams::default() };
                     executor.push(*primary, &follow)?;
+                    executor.push(sub.primary[self.bands.len() + k], &pixels)?;
                     continue;
                 }
                 let seen = [*primary, passes.shade_full, sub.albedo[k]];

@@ -12,9 +12,11 @@ use scene::{Camera, Rgb};
 use super::bands::Band;
 use super::shade::{Indirect, PixelBuffers, PixelSettings, Shot};
 
-/// Most by which shares of light differ that are averaged where it is not steady, times the root of the number of samples
-/// of a pixel: about as much as chance makes of equal shares. With few samples all are averaged.
-const TOLERANCE: f32 = 0.9;
+/// Most by which shares of light differ that are averaged where it is not steady, times the number of samples of a pixel
+/// and times its root: a step or two of their counting, and a part of what chance makes of equal shares. With few samples
+/// all are averaged.
+const STEPS: f32 = 2.5;
+const TOLERANCE: f32 = 0.6;
 /// Most by which the share of light bends over a tile where it counts as steady. Averages over 5 × 5 pixels blur an edge
 /// of that height by half of it in two pixels, and are wrong by a twentieth of it where light bends smoothly.
 const BEND: f32 = 0.15;
@@ -141,7 +143,7 @@ impl SmoothLight {
 
     fn shares(&self, band: Band, about: Band) -> ShareParams {
         let samples = (self.direct.area_rays * self.sub_frames) as f32;
-        let tolerance = TOLERANCE / samples.sqrt();
+        let tolerance = (STEPS / samples).max(TOLERANCE / samples.sqrt());
         ShareParams {
             count: band.count,
             first: band.first,
@@ -150,7 +152,7 @@ impl SmoothLight {
             first_about: about.first,
             count_about: about.count,
             tolerance,
-            bend: BEND.max(0.5 * tolerance),
+            bend: BEND,
         }
     }
 
