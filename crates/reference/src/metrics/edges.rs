@@ -5,14 +5,13 @@
 //! | tooth | within 3 pixels of an edge, its indirect light differs from the reference by more than 25 % |
 //! | pattern | away from edges: correlation of the relative error with itself, 2 to 16 pixels further |
 
-use glam::Vec3;
 use rayon::prelude::*;
 use scene::gpu::NONE;
-use scene::kernel::camera::primary_hit;
+use scene::kernel::camera::{primary_direction, primary_hit, surface_point};
 use scene::math::luminance;
 use scene::{Camera, Scene, SurfacePoint};
 
-use super::faults::{MAGENTA, STAIN, marked};
+use super::faults::{MAGENTA, STAIN, about, marked};
 use super::{DARK_BLOCK, Judge};
 use crate::error::Error;
 use crate::picture::Picture;
@@ -53,16 +52,10 @@ impl Edges {
         let (width, height) = (camera.width, camera.height);
         let point = |index: u32| {
             let hit = primary_hit(&tables, &camera, index, 0);
-            let to_eye = |position: Vec3| camera.eye - position;
-            let normal = (hit.triangle != NONE).then(|| tables.normal(hit.triangle));
-            normal.map_or(SurfacePoint::default(), |normal| {
-                let position = tables.position(hit.triangle, hit.u, hit.v);
-                let side = if normal.dot(to_eye(position)) < 0.0 { -normal } else { normal };
-                SurfacePoint { position, normal: side, patch: hit.triangle, weight: 1.0 }
-            })
+            surface_point(&tables, hit, primary_direction(&camera, index, 0))
         };
         let points: Vec<SurfacePoint> = (0..width * height).into_par_iter().map(point).collect();
-        let seen: Vec<bool> = points.iter().map(|p| p.weight > 0.0).collect();
+        let seen: Vec<bool> = points.iter().map(|p| p.patch != NONE).collect();
         let differs = |a: usize, b: usize| {
             let (p, q) = (&points[a], &points[b]);
             let way = q.position - p.position;
@@ -77,8 +70,8 @@ impl Edges {
             })
             .collect();
         let is_near = |k: u32| {
-            let columns = around(k % width, NEAR_EDGE, width);
-            let mut rows = around(k / width, NEAR_EDGE, height);
+            let columns = about(k % width, NEAR_EDGE, width);
+            let mut rows = about(k / width, NEAR_EDGE, height);
             rows.any(|y| columns.clone().any(|x| is_edge[(y * width + x) as usize]))
         };
         let near = (0..width * height).into_par_iter().map(is_near).collect();
@@ -168,11 +161,11 @@ impl Edges {
             if !counted[k] {
                 return None;
             }
-            let columns = around(k as u32 % self.width, ABOUT, self.width);
-            let rows = around(k as u32 / self.width, ABOUT, self.height);
-            let about = rows.flat_map(|y| columns.clone().map(move |x| (y * self.width + x) as usize));
+            let columns = about(k as u32 % self.width, ABOUT, self.width);
+            let rows = about(k as u32 / self.width, ABOUT, self.height);
+            let near = rows.flat_map(|y| columns.clone().map(move |x| (y * self.width + x) as usize));
             let (mut count, mut errors, mut sum, mut squares) = (0.0, 0.0, 0.0, 0.0);
-            for j in about.filter(|j| counted[*j]) {
+            for j in near.filter(|j| counted[*j]) {
                 let value = light(ours, j);
                 count += 1.0;
                 errors += error(j);
@@ -191,9 +184,4 @@ impl Edges {
         let size = Picture { width: self.width, height: self.height, pixels: Vec::new() };
         Ok(ours.check_size(&size)?)
     }
-}
-
-/// A coordinate and those up to `reach` further on both sides.
-fn around(at: u32, reach: u32, length: u32) -> std::ops::Range<u32> {
-    at.saturating_sub(reach)..(at + reach + 1).min(length)
 }

@@ -104,8 +104,8 @@ impl<'a> Judge<'a> {
         let doubt = |k: u32| {
             let x = k % error.width;
             let y = k / error.width;
-            let columns = about(x, error.width);
-            let rows = about(y, error.height);
+            let columns = about(x, ABOUT, error.width);
+            let rows = about(y, ABOUT, error.height);
             let mut near: Vec<f64> =
                 rows.flat_map(|y| columns.clone().map(move |x| (x, y))).map(|(x, y)| own(x, y)).collect();
             SURE * own(x, y).max(quantile(&mut near, 0.5))
@@ -344,9 +344,9 @@ fn check_mask(picture: &Picture, mask: Option<&[bool]>) -> Result<(), Error> {
     }
 }
 
-/// A coordinate and those up to [`ABOUT`] further on both sides.
-fn about(at: u32, length: u32) -> Range<u32> {
-    at.saturating_sub(ABOUT)..(at + ABOUT + 1).min(length)
+/// A coordinate and those up to `reach` further on both sides.
+pub(super) fn about(at: u32, reach: u32, length: u32) -> Range<u32> {
+    at.saturating_sub(reach)..(at + reach + 1).min(length)
 }
 
 /// Number of squares of an edge that fit beside each other, each one pixel further.
