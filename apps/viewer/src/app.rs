@@ -28,14 +28,12 @@ use crate::methods::MethodDefaults;
 use crate::reference::{Comparer, Job, is_displayed, read};
 use crate::screen::{Gpu, Panels, Screen, Side, Source};
 use crate::script::{self, FRAME_SECONDS, Script};
-use crate::state::{Comparison, DIVISORS, Picked, Request, Shown, State};
-use crate::times::{FrameTimes, Rate};
+use crate::state::{Comparison, Picked, Request, Shown, State};
+use crate::times::{FrameTimes, Pace, Rate};
 use crate::{panels, pointer, screenshot};
 
 /// Interval at which a stop is looked for, when nothing happens.
 const LOOK: Duration = Duration::from_millis(100);
-/// Share of the time of a frame below which more pixels fit: twice as many along both edges, and some room.
-const MUCH_LESS: f32 = 0.2;
 /// Time for which the window keeps a size before pictures follow it.
 const RESIZED: Duration = Duration::from_millis(200);
 
@@ -176,9 +174,9 @@ struct App<'a> {
     last_frame: Instant,
     /// When the last picture was shown, if the last frame had one.
     last_shown: Option<Instant>,
-    /// Pixels of the window for one of the picture while something moves, along an edge, beside the state's own, and
-    /// that of the last picture.
-    moving_divisor: u32,
+    /// Pixels while something moves, beside the state's own divisor.
+    pace: Pace,
+    /// Divisor of the last picture.
     last_divisor: u32,
     /// The size that the window has taken, and since when.
     resized: Option<((u32, u32), Instant)>,
@@ -256,7 +254,7 @@ impl<'a> App<'a> {
             window_size: settings.size,
             last_frame: Instant::now(),
             last_shown: None,
-            moving_divisor: 1,
+            pace: Pace::default(),
             last_divisor: 1,
             resized: None,
             next: None,
@@ -454,7 +452,7 @@ impl<'a> App<'a> {
         if let Some(file) = &self.file {
             return (file.width, file.height);
         }
-        let divisor = self.state.divisor * if live.is_moving() { self.moving_divisor } else { 1 };
+        let divisor = self.state.divisor * if live.is_moving() { self.pace.divisor } else { 1 };
         let part = |edge: u32| (edge / divisor).max(1);
         let wanted = (part(window.0), part(window.1));
         if std::mem::replace(&mut self.last_divisor, divisor) != divisor && self.window_size == window {
@@ -521,22 +519,8 @@ impl<'a> App<'a> {
         Ok(())
     }
 
-    /// Takes fewer pixels where frames of what moves take longer than they may, and more where they take much less.
-    fn keep_rate(&mut self, seconds: f32) {
-        let Some(fps) = self.settings.fps else { return };
-        let most = DIVISORS[DIVISORS.len() - 1];
-        if seconds * fps > 1.0 {
-            self.moving_divisor = (2 * self.moving_divisor).min(most);
-        } else if seconds * fps < MUCH_LESS {
-            self.moving_divisor = (self.moving_divisor / 2).max(1);
-        }
-    }
-
     /// Takes note of the times of a frame.
     fn count(&mut self, times: Option<Vec<PassTime>>, begun: Instant, open: &Open) {
-        if times.is_some() && open.live.is_moving() {
-            self.keep_rate(begun.elapsed().as_secs_f32());
-        }
         let Some(passes) = times else {
             self.last_shown = None;
             return;
@@ -544,7 +528,12 @@ impl<'a> App<'a> {
         let now = Instant::now();
         let total = now.duration_since(self.last_shown.unwrap_or(begun)).as_secs_f64() * 1e3;
         self.last_shown = Some(now);
-        self.state.facts.times.add(FrameTimes::new(passes, total));
+        let frame = FrameTimes::new(passes, total);
+        if let Some(fps) = self.settings.fps.filter(|_| open.live.is_moving()) {
+            let ms = now.duration_since(begun).as_secs_f64() * 1e3;
+            self.pace.follow(1e3 / f64::from(fps), &frame, ms, open.live.size());
+        }
+        self.state.facts.times.add(frame);
         self.state.facts.bytes = open.live.bytes();
         self.state.facts.resident = resident_bytes();
     }

@@ -4,10 +4,18 @@ use std::collections::VecDeque;
 
 use runtime::executor::PassTime;
 
+use crate::state::DIVISORS;
+
 /// Frames that are kept for the graph.
 const KEPT: usize = 240;
 /// Passes of the pixels; all others belong to the light update.
 const PIXEL_PASSES: [&str; 3] = ["shade", "mark", "display"];
+
+/// Frames that take too long before pixels become fewer: a single one is a hitch.
+const CERTAIN: u32 = 2;
+/// Pixels of half the divisor for one of now, and the share of a budget that their frames may take as it is foreseen.
+const FINER_PIXELS: u32 = 4;
+const ROOM: f64 = 0.9;
 
 /// Times of a frame, ms.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -42,6 +50,48 @@ impl FrameTimes {
     fn sum(&self, is_meant: impl Fn(&str) -> bool) -> f64 {
         // An empty sum of floats is −0.
         self.passes.iter().filter(|(name, _)| is_meant(name)).fold(0.0, |sum, (_, ms)| sum + ms)
+    }
+}
+
+/// How many pixels what moves may have, so that a rate is kept.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Pace {
+    /// Pixels of the window for one of the picture, along an edge.
+    pub divisor: u32,
+    /// Size of the last picture.
+    size: (u32, u32),
+    /// Frames that took too long since the last that did not.
+    slow: u32,
+}
+
+impl Pace {
+    /// Takes note of a frame of what moves, of so many ms and with a picture of this size: fewer pixels where frames
+    /// take longer than `budget` ms one after the other, more where those would fit.
+    pub fn follow(&mut self, budget: f64, frame: &FrameTimes, ms: f64, size: (u32, u32)) {
+        // The first picture of a size pays for its buffers.
+        if std::mem::replace(&mut self.size, size) != size {
+            self.slow = 0;
+            return;
+        }
+        let finer = ms + frame.shading() * f64::from(FINER_PIXELS - 1);
+        if ms > budget {
+            self.slow += 1;
+            if self.slow >= CERTAIN {
+                self.slow = 0;
+                self.divisor = (2 * self.divisor).min(DIVISORS[DIVISORS.len() - 1]);
+            }
+        } else {
+            self.slow = 0;
+            if finer < ROOM * budget {
+                self.divisor = (self.divisor / 2).max(1);
+            }
+        }
+    }
+}
+
+impl Default for Pace {
+    fn default() -> Self {
+        Self { divisor: 1, size: (0, 0), slow: 0 }
     }
 }
 
@@ -118,6 +168,38 @@ impl Rate {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// Frames of pictures 640 pixels wide at divisor 1: `light` ms and so many for all pixels.
+    fn divisor_after(pace: &mut Pace, frames: u32, light: f64, pixels: f64) -> u32 {
+        for _ in 0..frames {
+            let size = (640 / pace.divisor, 360 / pace.divisor);
+            let shading = pixels / f64::from(pace.divisor * pace.divisor);
+            let passes = vec![PassTime::of_host("direct", light), PassTime::of_host("shade", shading)];
+            let frame = FrameTimes::new(passes, light + shading);
+            pace.follow(40.0, &frame, light + shading, size);
+        }
+        pace.divisor
+    }
+
+    #[test]
+    fn pictures_have_as_many_pixels_as_their_rate_allows() {
+        let mut pace = Pace::default();
+        assert_eq!(divisor_after(&mut pace, 20, 15.0, 56.0), 2, "15 + 14 ms fit, 71 do not");
+        // What is seen may be all that takes long, and light alone may be too slow for any picture.
+        assert_eq!(divisor_after(&mut pace, 20, 15.0, 10.0), 1);
+        assert_eq!(divisor_after(&mut pace, 20, 15.0, 300.0), 4);
+        assert_eq!(divisor_after(&mut pace, 20, 60.0, 10.0), 4);
+        assert_eq!(divisor_after(&mut pace, 20, 5.0, 25.0), 1);
+    }
+
+    #[test]
+    fn a_single_slow_frame_takes_no_pixels() {
+        let mut pace = Pace::default();
+        assert_eq!(divisor_after(&mut pace, 3, 5.0, 20.0), 1);
+        assert_eq!(divisor_after(&mut pace, 1, 200.0, 20.0), 1);
+        assert_eq!(divisor_after(&mut pace, 3, 5.0, 20.0), 1);
+        assert_eq!(divisor_after(&mut pace, 2, 200.0, 20.0), 2);
+    }
 
     #[test]
     fn shares_of_a_frame_add_up_to_its_time() {
