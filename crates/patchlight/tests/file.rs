@@ -10,8 +10,8 @@ use patchlight::file::beginning_of;
 use patchlight::low_level::operator::{Build, Codec};
 use patchlight::method::TemporalSettings;
 use patchlight::{
-    Bake, BakeSettings, Error, FileSettings, LightSettings, MethodSettings, Observer, Origin, Phase, PictureRenderer,
-    PictureSettings, Silent,
+    Bake, BakeFile, BakeSettings, Error, FileSettings, LightSettings, MethodSettings, Observer, Origin, Phase,
+    PictureRenderer, PictureSettings, Silent,
 };
 use runtime::cpu::Cpu;
 use transport::Proceed;
@@ -77,6 +77,9 @@ fn a_bake_from_a_file_gives_the_same_light() {
     let scene = assets::load_or_build("cornell").unwrap().scene;
     let built = Arc::new(Bake::build(&scene, &settings.bake, &Silent).unwrap());
     let opened = Arc::new(file.bake);
+    let held = Bake::from_bytes("cornell", std::fs::read(&path).unwrap()).unwrap();
+    assert_eq!(held.origin, settings.origin);
+    assert!(light(&Arc::new(held.bake), TILES, &NoOperator) == light(&built, TILES, &Silent));
     for method in [TILES, DENSE, temporal(), MethodSettings::Classic] {
         assert!(light(&opened, method, &NoOperator) == light(&built, method, &Silent), "{method:?}");
     }
@@ -139,7 +142,12 @@ fn what_is_no_whole_bake_is_refused() {
     let refused = |bytes: &[u8]| {
         let path = folder.path().join("damaged.bake");
         std::fs::write(&path, bytes).unwrap();
-        Bake::open(&path).err().map(|error| error.to_string()).unwrap_or_default()
+        let error = |found: Result<BakeFile, Error>| found.err().map(|error| error.to_string()).unwrap_or_default();
+        let text = error(Bake::open(&path));
+        // What came over a network is looked at as closely; only the end is told in other words.
+        let in_memory = error(Bake::from_bytes(&path.display().to_string(), bytes.to_vec()));
+        assert_eq!(text.replace("the file ends", "the bytes end"), in_memory);
+        text
     };
     for at in (0..bytes.len()).step_by(bytes.len() / 50) {
         let mut damaged = bytes.clone();

@@ -3,9 +3,9 @@
 use std::collections::{HashMap, VecDeque};
 use std::fmt;
 use std::sync::Arc;
-use std::time::Instant;
 
 use gpu_kernels::host::{HostBinding, HostCall};
+use web_time::Instant;
 
 use crate::executor::{DeviceInfo, DeviceKind, Executor, ExecutorError, KEPT_TIMES, PassTime, ReadId};
 use crate::graph::{Graph, Slot};

@@ -4,6 +4,7 @@
 use std::fs::{self, File, OpenOptions, TryLockError};
 use std::io::{self, BufWriter, ErrorKind, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use localmatrix::{BakeError, Mapped, Source, beginning_of};
 use serde::Serialize;
@@ -160,10 +161,49 @@ fn section_at(source: &dyn Source, at: u64) -> io::Result<Option<Section>> {
     Ok(section.filter(|s: &Section| s.length <= all - s.offset))
 }
 
+/// Where the bytes of sections are.
+#[derive(Clone, Debug)]
+enum Held {
+    /// In the file with the name of the sections.
+    File,
+    Memory(Memory),
+}
+
+/// Bytes in memory.
+#[derive(Clone, Debug)]
+struct Memory(Arc<Vec<u8>>);
+
+impl Held {
+    /// A reader of its own for whoever asks.
+    fn source(&self, path: &Path) -> Result<Box<dyn Source>, BakeError> {
+        match self {
+            Self::File => Ok(Box::new(Mapped::open(path).map_err(|error| file_error(path, &error))?)),
+            Self::Memory(memory) => Ok(Box::new(memory.clone())),
+        }
+    }
+}
+
+impl Source for Memory {
+    fn len(&self) -> io::Result<u64> {
+        Ok(self.0.len() as u64)
+    }
+
+    fn with(&self, offset: u64, length: usize, use_bytes: &mut dyn FnMut(&[u8])) -> io::Result<()> {
+        let own = usize::try_from(offset).ok().and_then(|begin| self.0.get(begin..begin.checked_add(length)?));
+        use_bytes(own.ok_or_else(|| io::Error::new(ErrorKind::UnexpectedEof, "the bytes end before"))?);
+        Ok(())
+    }
+
+    fn again(&self) -> io::Result<Box<dyn Source>> {
+        Ok(Box::new(self.clone()))
+    }
+}
+
 /// A file of sections that is read.
 #[derive(Debug)]
 pub struct Sections {
     path: PathBuf,
+    held: Held,
     /// Hash of all that decides the bytes.
     pub key: [u8; 32],
     /// Its sections, without the end.
@@ -176,15 +216,27 @@ impl Sections {
     /// # Errors
     /// [`BakeError`]: another kind of file, another version, a header that was altered, an end that is missing.
     pub fn open(path: &Path) -> Result<Self, BakeError> {
+        Self::of_source(path, Held::File)
+    }
+
+    /// Finds the sections of a file that is in memory; `name` is what errors call it.
+    ///
+    /// # Errors
+    /// As [`Self::open`].
+    pub fn in_memory(name: &Path, bytes: Vec<u8>) -> Result<Self, BakeError> {
+        Self::of_source(name, Held::Memory(Memory(Arc::new(bytes))))
+    }
+
+    fn of_source(path: &Path, held: Held) -> Result<Self, BakeError> {
         let io = |error: io::Error| file_error(path, &error);
-        let source = Mapped::open(path).map_err(io)?;
+        let source = held.source(path)?;
         let size = source.len().map_err(io)?;
         let mut key = Err(BakeError::NotABake { path: path.display().to_string(), reason: "it is empty".to_owned() });
         source.with(0, size.min(HEADER as u64) as usize, &mut |bytes| key = decode_header(path, bytes)).map_err(io)?;
-        let mut sections = Self { path: path.to_path_buf(), key: key?, all: Vec::new() };
+        let mut sections = Self { path: path.to_path_buf(), held, key: key?, all: Vec::new() };
         let mut at = HEADER as u64;
         loop {
-            let Some(section) = section_at(&source, at).map_err(io)? else {
+            let Some(section) = section_at(&*source, at).map_err(io)? else {
                 return Err(sections.damaged("the table of contents", at, "no section begins there".to_owned()));
             };
             if section.kind == Kind::End {
@@ -213,8 +265,7 @@ impl Sections {
     /// # Errors
     /// [`BakeError::Damaged`], [`BakeError::File`].
     pub fn read<T: DeserializeOwned + Send>(&self, section: Section) -> Result<T, BakeError> {
-        let source = Mapped::open(&self.path).map_err(|error| file_error(&self.path, &error))?;
-        read(&self.path, &source, section)
+        read(&self.path, &*self.held.source(&self.path)?, section)
     }
 }
 

@@ -3,7 +3,6 @@
 
 use std::ops::ControlFlow;
 use std::sync::Arc;
-use std::time::Instant;
 
 pub use ::firstshot::{Cubic, Sequences, Subdivision, Texels};
 use ::firstshot::{
@@ -33,6 +32,7 @@ use scene::kernel::medium::Absorbing;
 use scene::sampling::{cosine_hemisphere, hammersley, hash3};
 use scene::{Hit, Lighting, NONE, Ray, Rgb, Scene, SurfacePoint};
 use transport::{Csr, Observer, Patch, Phase, QUADRANTS};
+use web_time::Instant;
 
 use super::{Method, MethodReport, Preparation, bytes, passes_so_far};
 use crate::albedo::Albedo;

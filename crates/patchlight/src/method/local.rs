@@ -1,8 +1,6 @@
 //! All bounces in one product with the matrix of the patches round the camera, which is kept exact while they come and
 //! go.
 
-use std::time::Instant;
-
 use ::localmatrix::{CameraFrame, CameraMatrix, CameraSettings, Surface, Table};
 use formfactor::{Reciprocal, reciprocal};
 use runtime::executor::{Executor, PassTime};
@@ -10,6 +8,7 @@ use runtime::plan::{PassId, Slice};
 use runtime::recipe::localmatrix::MatrixCopy;
 use scene::Rgb;
 use transport::Phase;
+use web_time::Instant;
 
 use super::{Method, MethodReport, Preparation};
 use crate::albedo::Albedo;

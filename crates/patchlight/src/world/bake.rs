@@ -2,7 +2,6 @@
 //! form factors, made block by block.
 
 use std::path::{Path, PathBuf};
-use std::time::Instant;
 
 use localmatrix::{BakeError, BakeFile, BakeWriter, LitPoint, Node, Part, Record, WorldHead, join};
 use rayon::prelude::*;
@@ -12,6 +11,7 @@ use runtime::recipe::formfactor::SurfaceTracer;
 use scene::Scene;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
+use web_time::Instant;
 
 use crate::error::{Error, Reason};
 use crate::memory::resident_bytes;

@@ -1,8 +1,6 @@
 //! The plan of a frame of a streamed world: direct light at the points of the nodes in the matrix →
 //! their first exitance → the product → the leaves, over the levels → pixels.
 
-use std::time::Instant;
-
 use glam::Vec4;
 use gpu_kernels::formfactor::AssembleSourcePass;
 use gpu_kernels::params::CountParams;
@@ -17,6 +15,7 @@ use runtime::recipe::scene::SceneTables;
 use runtime::recipe::{Tables, rgb_bytes};
 use scene::gpu::DirectParams;
 use scene::{Camera, Light, NONE, Rgb, Scene, SurfacePoint};
+use web_time::Instant;
 
 use super::bake::POINTS;
 use super::levels::Levels;

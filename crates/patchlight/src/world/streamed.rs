@@ -4,7 +4,7 @@
 use std::cell::Cell;
 use std::collections::{HashMap, HashSet};
 use std::path::Path;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use glam::Vec3;
 use localmatrix::{
@@ -14,6 +14,7 @@ use runtime::executor::{Executor, PassTime};
 use scene::kernel::shade::encode_srgb;
 use scene::math::luminance;
 use scene::{Camera, Light, Scene};
+use web_time::Instant;
 
 use super::bake::WorldSettings;
 use super::forest::Extra;

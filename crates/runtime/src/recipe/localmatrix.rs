@@ -1,7 +1,5 @@
 //! Recipe of `localmatrix`: a copy of the matrix round a camera on a device, which is changed there as the host's is.
 
-use std::time::Instant;
-
 use glam::{UVec2, Vec4};
 use gpu_kernels::localmatrix::{
     CompactPass, CountPass, FadePass, MeanPass, ProductPass, ShowPass, SpreadPass, StartPass, UpdatePass,
@@ -10,6 +8,7 @@ use gpu_kernels::params::CountParams;
 use localmatrix::kernel::{BLOCK, KEPT};
 use localmatrix::{CameraMatrix, FadeParams, LocalMatrix, SlotParams, Update, UpdateParams};
 use scene::Rgb;
+use web_time::Instant;
 
 use super::Tables;
 use super::multibounce::Order;

@@ -13,7 +13,7 @@ pub const TILE_COLUMNS: usize = 4 * TILE_VECTORS as usize;
 
 /// Products and their sums of a run at most: few enough that drivers take no run for one that hangs, and that work can
 /// be cancelled.
-const MAX_PRODUCTS: usize = 1 << 34;
+const MAX_PRODUCTS: u64 = 1 << 34;
 
 /// The products `T_{k+1} = F + F diag(ρ) T_k` on a device: F, T_k and T_{k+1}, each of `size` × `size` numbers.
 pub struct Products {
@@ -106,7 +106,7 @@ impl Cut {
         let row_bytes = (size * size_of::<f32>()) as u64;
         let tile_rows = TILE_ROWS as usize;
         let bound = usize::try_from(range / row_bytes.max(1)).unwrap_or(usize::MAX).min(size);
-        let most_rows = bound.min(MAX_PRODUCTS / (size * size).max(1));
+        let most_rows = bound.min((MAX_PRODUCTS / (size as u64 * size as u64).max(1)) as usize);
         let rows_at_once = (most_rows / tile_rows * tile_rows).max(tile_rows);
         let inner_at_once = (bound / 4 * 4).max(4);
         Self { size, rows_at_once, inner_at_once }
