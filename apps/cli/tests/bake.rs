@@ -5,7 +5,7 @@ mod program;
 
 use std::fs;
 use std::path::Path;
-use std::time::Instant;
+use std::time::Duration;
 
 use program::{command, fails, run, succeeds, text};
 
@@ -87,20 +87,21 @@ fn threads_and_kills_change_no_byte() {
     };
     let command_of =
         |path: &Path, threads: &str| command(&arguments(path, threads).iter().map(String::as_str).collect::<Vec<_>>());
-    let start = Instant::now();
     assert!(command_of(&at("one.bake"), "1").output().unwrap().status.success());
-    let time = start.elapsed();
     let expected = fs::read(at("one.bake")).unwrap();
     assert!(command_of(&at("two.bake"), "2").output().unwrap().status.success());
     assert!(fs::read(at("two.bake")).unwrap() == expected);
     let killed = at("killed.bake");
     let beginning = at("killed.bake.beginning");
     let mut resumed = 0;
-    // Each a little later than the one before, so that they go on from each other.
-    for k in 1..=6u32 {
-        resumed += u32::from(fs::metadata(&beginning).is_ok_and(|meta| meta.len() > 10_000));
+    let begun = || fs::metadata(&beginning).map_or(0, |meta| meta.len());
+    // Each when more is written than before the one before, so that they go on from each other.
+    for k in 1..=6u64 {
+        resumed += u32::from(begun() > 10_000);
         let mut child = command_of(&killed, "2").spawn().unwrap();
-        std::thread::sleep(time * k / 7);
+        while begun() < expected.len() as u64 * k / 7 && child.try_wait().unwrap().is_none() {
+            std::thread::sleep(Duration::from_millis(1));
+        }
         child.kill().unwrap();
         child.wait().unwrap();
         if killed.exists() {
