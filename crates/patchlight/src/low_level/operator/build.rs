@@ -51,9 +51,10 @@ pub struct Build {
 }
 
 impl Default for Build {
-    /// In the memory that is free; files lie where the system has temporary ones.
+    /// In the memory that is free; files lie where the system has temporary ones. A browser has none.
     fn default() -> Self {
-        Self { on: BuildOn::default(), memory_limit: None, folder: std::env::temp_dir() }
+        let folder = if cfg!(target_family = "wasm") { PathBuf::new() } else { std::env::temp_dir() };
+        Self { on: BuildOn::default(), memory_limit: None, folder }
     }
 }
 

@@ -1,0 +1,51 @@
+/** Red, green, blue. */
+export type Rgb = readonly [number, number, number];
+/** Metres, or a direction of any length. */
+export type Vector = readonly [number, number, number];
+
+export type Light =
+  /** `irradiance` is that of a surface that faces it, W/m²; `direction` goes from the sun. */
+  | { kind: "sun"; direction: Vector; irradiance: Rgb }
+  /** `intensity`, W/sr. */
+  | { kind: "point"; position: Vector; intensity: Rgb }
+  /** Half-angles in radians: all of the intensity within `inner`, none beyond `outer`. */
+  | { kind: "spot"; position: Vector; direction: Vector; inner?: number; outer: number; intensity: Rgb }
+  /** `radiance`, W/m²/sr, to the side of edgeA × edgeB. */
+  | { kind: "rectangle"; corner: Vector; edgeA: Vector; edgeB: Vector; radiance: Rgb };
+
+/** How light goes between patches. */
+export type Method = "classic" | "low_rank" | "multibounce" | "feedback" | "temporal";
+
+export interface LoadOptions {
+  method?: Method;
+  /** The compiled module: a URL, a response, bytes; the file beside this one unless given. */
+  module?: string | URL | Response | BufferSource;
+  /** Bytes so far, and all of them where the server says so. */
+  onProgress?: (done: number, total?: number) => void;
+}
+
+/** The light of a bake on the CPU. */
+export class Patchlight {
+  /** Loads a bake: a URL, or its bytes. */
+  static load(source: string | URL | Uint8Array | ArrayBuffer, options?: LoadOptions): Promise<Patchlight>;
+  readonly counts: { triangles: number; patches: number; receivers: number; points: number };
+  /** Finds the light; the number of the update. What is left out stays as it is; emission by the material's number, W/m²/sr. */
+  update(change?: { lights?: readonly Light[]; sky?: Rgb; emission?: Readonly<Record<number, Rgb>> }): number;
+  /** Indirect irradiance at the interpolation points, W/m²: RGB. Valid until the next table is asked for. */
+  surface(): Float32Array;
+  /** Positions of the interpolation points, m. */
+  surfacePoints(): Float32Array;
+  /** Makes a lightmap with texels of this size, m. */
+  makeLightmap(texel: number): { width: number; height: number };
+  /** Irradiance in its texels, W/m², row by row: RGB. Valid until the next table is asked for. */
+  lightmap(options?: { direct?: boolean }): Float32Array;
+  /** Coordinates of the triangles' corners in it, six numbers each; NaN without a chart. */
+  lightmapUvs(options?: { back?: boolean }): Float32Array;
+  /** Adds points whose indirect light every update finds; their number. */
+  addPoints(places: ArrayLike<number>, normals: ArrayLike<number>, kind?: "irradiance" | "cube" | "harmonics"): number;
+  removePoints(set: number): void;
+  /** Light of points: RGB of each value. Valid until the next table is asked for. */
+  points(set: number): Float32Array;
+  /** Gives the memory back. */
+  free(): void;
+}

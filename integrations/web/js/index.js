@@ -1,0 +1,166 @@
+// The light of a baked scene in a page: what a program of the page uses.
+
+import init, { LightField } from "./patchlight.js";
+
+const LIGHT_NUMBERS = 16;
+const KINDS = { sun: 0, point: 1, spot: 2, rectangle: 3 };
+const NOWHERE = [0, 0, 0];
+
+let loading;
+
+/** The module, loaded once: from `source` (a URL, a response or bytes), or from the file beside this one. */
+function load(source) {
+  loading ??= init(source === undefined ? undefined : { module_or_path: source }).catch((error) => {
+    loading = undefined;
+    throw error;
+  });
+  return loading;
+}
+
+/** A light as a row of numbers. */
+function row(light, index) {
+  const kind = KINDS[light.kind];
+  if (kind === undefined) {
+    throw new Error(`light ${index}: its kind is ${light.kind}; it is ${Object.keys(KINDS).join(", ")}`);
+  }
+  const color = [light.irradiance, light.intensity, light.intensity, light.radiance][kind];
+  if (color === undefined) {
+    throw new Error(`light ${index}: a ${light.kind} has ${["irradiance", "intensity", "intensity", "radiance"][kind]}`);
+  }
+  const place = (kind === KINDS.rectangle ? light.corner : light.position) ?? NOWHERE;
+  const first = kind === KINDS.spot ? [light.inner ?? 0, light.outer, 0] : (light.edgeA ?? NOWHERE);
+  return [kind, ...color, ...place, ...(light.direction ?? NOWHERE), ...first, ...(light.edgeB ?? NOWHERE)];
+}
+
+/** Bytes of a response, with progress. */
+async function bytesOf(response, url, onProgress) {
+  if (!response.ok) {
+    throw new Error(`${url}: the server answers ${response.status} ${response.statusText}`);
+  }
+  const total = Number(response.headers.get("content-length")) || undefined;
+  const parts = [];
+  let done = 0;
+  for (const reader = response.body.getReader(); ; ) {
+    const { value } = await reader.read();
+    if (value === undefined) {
+      break;
+    }
+    parts.push(value);
+    done += value.length;
+    onProgress?.(done, total);
+  }
+  const bytes = new Uint8Array(done);
+  let at = 0;
+  for (const part of parts) {
+    bytes.set(part, at);
+    at += part.length;
+  }
+  return bytes;
+}
+
+/** The light of a bake. */
+export class Patchlight {
+  #field;
+  #memory;
+
+  constructor(field, memory) {
+    this.#field = field;
+    this.#memory = memory;
+  }
+
+  /** Loads a bake: a URL, or its bytes. */
+  static async load(source, { method = "classic", module, onProgress } = {}) {
+    const { memory } = await load(module);
+    const isBytes = source instanceof Uint8Array || source instanceof ArrayBuffer;
+    const bytes = isBytes ? new Uint8Array(source) : await bytesOf(await fetch(source), source, onProgress);
+    const name = isBytes ? "the bake" : String(source);
+    return new Patchlight(failing(() => new LightField(name, bytes, method)), memory);
+  }
+
+  /** Triangles, patches, receivers, and interpolation points of the surfaces. */
+  get counts() {
+    const [triangles, patches, receivers, points] = this.#field.counts();
+    return { triangles, patches, receivers, points };
+  }
+
+  /** Finds the light; what is left out stays as it is. */
+  update({ lights, sky, emission } = {}) {
+    return failing(() => {
+      if (lights !== undefined) {
+        const numbers = new Float32Array(LIGHT_NUMBERS * lights.length);
+        lights.forEach((light, index) => numbers.set(row(light, index), LIGHT_NUMBERS * index));
+        this.#field.set_lights(numbers);
+      }
+      if (sky !== undefined) {
+        this.#field.set_sky(...sky);
+      }
+      for (const [material, radiance] of Object.entries(emission ?? {})) {
+        this.#field.set_emission(Number(material), ...radiance);
+      }
+      return this.#field.update();
+    });
+  }
+
+  /** Indirect irradiance at the interpolation points, W/m²: RGB. Valid until the next table is asked for. */
+  surface() {
+    return this.#table(() => this.#field.surface());
+  }
+
+  /** Positions of the interpolation points, m. */
+  surfacePoints() {
+    return this.#table(() => this.#field.surface_points()).slice();
+  }
+
+  /** Makes a lightmap with texels of this size, m. */
+  makeLightmap(texel) {
+    const [width, height] = failing(() => this.#field.make_lightmap(texel));
+    return { width, height };
+  }
+
+  /** Irradiance in its texels, W/m², row by row: RGB. Valid until the next table is asked for. */
+  lightmap({ direct = false } = {}) {
+    return this.#table(() => this.#field.lightmap(direct));
+  }
+
+  /** Coordinates of the triangles' corners in it, six numbers each; NaN without a chart. */
+  lightmapUvs({ back = false } = {}) {
+    return this.#table(() => this.#field.lightmap_uvs(!back)).slice();
+  }
+
+  /** Adds points whose indirect light every update finds from now on; their number. */
+  addPoints(places, normals, kind = "irradiance") {
+    return failing(() => this.#field.add_points(Float32Array.from(places), Float32Array.from(normals), kind));
+  }
+
+  /** Removes them. */
+  removePoints(set) {
+    failing(() => this.#field.remove_points(set));
+  }
+
+  /** Their light: RGB of each value. Valid until the next table is asked for. */
+  points(set) {
+    return this.#table(() => this.#field.points(set));
+  }
+
+  /** Gives the memory back. */
+  free() {
+    this.#field.free();
+  }
+
+  #table(make) {
+    const table = failing(make);
+    const { pointer, length } = table;
+    table.free();
+    // Made anew each time: memory that grows takes the buffer of before away.
+    return new Float32Array(this.#memory.buffer, pointer, length);
+  }
+}
+
+/** The module throws texts; a page gets errors. */
+function failing(work) {
+  try {
+    return work();
+  } catch (error) {
+    throw error instanceof Error ? error : new Error(String(error));
+  }
+}
