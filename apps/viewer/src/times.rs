@@ -53,7 +53,7 @@ impl FrameTimes {
     }
 }
 
-/// How many pixels what moves may have, so that a rate is kept.
+/// Pixels of what moves: as many as let a rate be kept.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pace {
     /// Pixels of the window for one of the picture, along an edge.

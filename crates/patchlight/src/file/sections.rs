@@ -161,7 +161,7 @@ fn section_at(source: &dyn Source, at: u64) -> io::Result<Option<Section>> {
     Ok(section.filter(|s: &Section| s.length <= all - s.offset))
 }
 
-/// Where the bytes of sections are.
+/// Place of the bytes of sections.
 #[derive(Clone, Debug)]
 enum Held {
     /// In the file with the name of the sections.
