@@ -10,7 +10,8 @@ let loading;
 
 /** The module, loaded once: from `source` (a URL, a response or bytes), or from the file beside this one. */
 function load(source) {
-  loading ??= init(source === undefined ? undefined : { module_or_path: source }).catch((error) => {
+  const own = source ?? new URL("patchlight_bg.wasm", import.meta.url);
+  loading ??= init({ module_or_path: own }).catch((error) => {
     loading = undefined;
     throw error;
   });
