@@ -185,7 +185,7 @@ mod tests {
     fn pictures_have_as_many_pixels_as_their_rate_allows() {
         let mut pace = Pace::default();
         assert_eq!(divisor_after(&mut pace, 20, 15.0, 56.0), 2, "15 + 14 ms fit, 71 do not");
-        // What is seen may be all that takes long, and light alone may be too slow for any picture.
+        // Quick pixels all fit. Slow ones, or light that is too slow by itself, leave the fewest.
         assert_eq!(divisor_after(&mut pace, 20, 15.0, 10.0), 1);
         assert_eq!(divisor_after(&mut pace, 20, 15.0, 300.0), 4);
         assert_eq!(divisor_after(&mut pace, 20, 60.0, 10.0), 4);

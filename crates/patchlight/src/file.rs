@@ -310,7 +310,7 @@ impl Bake {
     /// # Errors
     /// Another kind of file, another version, a section that was altered or cut; tables that do not fit together.
     pub fn open(path: &Path) -> Result<BakeFile, Error> {
-        Self::of_sections(path, &Sections::open(path)?)
+        Self::of_sections(path, Sections::open(path)?)
     }
 
     /// Opens a bake whose bytes are in memory, such as one that came over a network; every section is checked. `name` is
@@ -320,10 +320,10 @@ impl Bake {
     /// As [`Self::open`].
     pub fn from_bytes(name: &str, bytes: Vec<u8>) -> Result<BakeFile, Error> {
         let name = Path::new(name);
-        Self::of_sections(name, &Sections::in_memory(name, bytes)?)
+        Self::of_sections(name, Sections::in_memory(name, bytes)?)
     }
 
-    fn of_sections(path: &Path, sections: &Sections) -> Result<BakeFile, Error> {
+    fn of_sections(path: &Path, sections: Sections) -> Result<BakeFile, Error> {
         let damaged = |error: Error| {
             let reason = error.to_string();
             Error::from(BakeError::Damaged { path: path.display().to_string(), part: "the tables", offset: 0, reason })
@@ -364,7 +364,7 @@ impl Bake {
             operators: operators?,
         };
         check(&bake).map_err(damaged)?;
-        Ok(BakeFile { bake, origin: head.origin, sections: sections.all.clone() })
+        Ok(BakeFile { bake, origin: head.origin, sections: sections.all })
     }
 }
 

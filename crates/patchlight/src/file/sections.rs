@@ -162,10 +162,11 @@ fn section_at(source: &dyn Source, at: u64) -> io::Result<Option<Section>> {
 }
 
 /// Place of the bytes of sections.
-#[derive(Clone, Debug)]
+#[derive(Debug)]
 enum Held {
     /// In the file with the name of the sections.
     File,
+    /// In memory, as a page gets them.
     Memory(Memory),
 }
 
