@@ -33,6 +33,10 @@ const LOOK: Duration = Duration::from_millis(1);
 const OTHER_PATHS: u32 = 0x7265_6669;
 /// Opponents are looked at after so many passes or frames, and then after as many more as there were each time.
 const FIRST_LOOK: u32 = 1;
+/// A contender has come to rest when its error changed by no more than this share between two looks, the second after
+/// twice as many frames; then at least so many were made.
+const RESTS: f64 = 0.02;
+const MIN_FRAMES: u32 = 16;
 
 /// Error at a time.
 #[derive(Clone, Copy, Debug, Serialize)]
@@ -41,6 +45,14 @@ struct Row {
     seconds: f64,
     /// Median relative error of blocks of indirect light.
     block_median_relative_error: f64,
+}
+
+impl Row {
+    /// Returns true if the error is that of another row, but for a small share.
+    fn is_near(&self, other: &Self) -> bool {
+        let change = (self.block_median_relative_error - other.block_median_relative_error).abs();
+        change <= RESTS * other.block_median_relative_error
+    }
 }
 
 /// A level of the bake.
@@ -229,21 +241,25 @@ fn paths(view: &View, until: f64, judge: &Judge) -> Result<Vec<Row>, Error> {
     Ok(rows)
 }
 
-/// Errors of a contender whose light follows frame by frame, as long as the bake took; what it prepares counts.
+/// Errors of a contender whose light follows frame by frame, as long as the bake took or until it rests; what it
+/// prepares counts.
 fn frames(view: &View, contender: &mut dyn Contender, until: f64, judge: &Judge) -> Result<Vec<Row>, Error> {
     let lighting: &scene::Lighting = &view.loaded.scene.lighting;
-    let mut rows = Vec::new();
+    let mut rows: Vec<Row> = Vec::new();
     let mut seconds = contender.build_s();
     let mut next = FIRST_LOOK;
     for number in 0u32.. {
         seconds += 1e-3 * contender.frame(lighting, number)?.update.wall;
         cancelled()?;
-        if number + 1 == next || seconds >= until {
+        let is_late = seconds >= until;
+        if number + 1 == next || is_late {
             next *= 2;
-            rows.push(judge.row(seconds, &contender.pictures(None)?.indirect)?);
-        }
-        if seconds >= until {
-            break;
+            let row = judge.row(seconds, &contender.pictures(None)?.indirect)?;
+            let rests = number >= MIN_FRAMES && rows.last().is_some_and(|before| row.is_near(before));
+            rows.push(row);
+            if rests || is_late {
+                break;
+            }
         }
     }
     Ok(rows)
@@ -279,7 +295,7 @@ impl Results<'_> {
         };
         let head = ["block error %", "5 % of the time", "a quarter", "the whole", "seconds measured"];
         let beside = Table {
-            caption: "Others, in the time of the bake".into(),
+            caption: "Others, in the time of the bake or until they rest".into(),
             head: head.map(str::to_owned).to_vec(),
             rows: others.iter().map(row).collect(),
         };
