@@ -26,7 +26,7 @@ use patchlight::{
 use runtime::executor::{DeviceChoice, Executor};
 use runtime::graph::Graph;
 use runtime::recipe::multibounce::Decoder;
-use scene::{Camera, Lighting};
+use scene::{Camera, Lighting, Materials};
 use shell::Error;
 use shell::args::{Bounces, Common, DisplaySettings, Method};
 use shell::device::open;
@@ -145,6 +145,11 @@ fn render(common: &Common, args: &Render, subject: &Subject, progress: &Progress
         ..Summary::default()
     };
     let shown = args.display.shown(loaded);
+    if shown.materials == Materials::Gltf && loaded.scene.geometry.finishes.is_empty() {
+        progress.warn(
+            "no material of the scene has a normal map or a roughness: --materials gltf shows the same as diffuse",
+        );
+    }
     let job = Job { common, args, subject, loaded, size, out: &out, data: data.as_ref(), shown, progress };
     let done = match args.method {
         Method::Path => job.path_frames(&mut summary)?,
@@ -195,7 +200,8 @@ impl Job<'_> {
             Bounces::All => u32::MAX,
             Bounces::Count(k) => k,
         };
-        let settings = PathSettings { seed: self.subject.seed, bounces, ..PathSettings::default() };
+        let materials = self.shown.materials;
+        let settings = PathSettings { seed: self.subject.seed, bounces, materials, ..PathSettings::default() };
         let saved = (args.frames == 1).then(|| out.join("accumulation.bin"));
         let mut scene = loaded.scene.clone();
         if scene.specular_material().is_some()
@@ -355,7 +361,7 @@ impl Job<'_> {
             DirectLight::Sampled => PixelLight::Sampled,
         };
         let pictures = PictureSettings::default().with_size(self.size).with_sub_frames(sub_frames);
-        pictures.with_receivers(receivers).with_direct(direct)
+        pictures.with_receivers(receivers).with_direct(direct).with_materials(self.shown.materials)
     }
 
     /// Takes over what is known before the first frame.

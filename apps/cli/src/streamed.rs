@@ -14,7 +14,7 @@ use patchlight::memory::{peak_memory_bytes, resident_bytes};
 use patchlight::world::{StreamFrame, StreamSettings, Streamed, scene_of};
 use runtime::executor::DeviceChoice;
 use shell::Error;
-use shell::args::{Common, DisplaySettings, Method};
+use shell::args::{Common, DisplaySettings, Method, Reflection};
 use shell::device::open;
 use shell::output;
 use shell::progress::{Progress, interruptible, is_cancelled};
@@ -75,6 +75,9 @@ pub fn run(common: &Common, args: &Render) -> Result<(), Error> {
     let path = Path::new(&args.scene);
     if args.method != Method::Local {
         return Err(Error::BakeMethod { path: path.to_path_buf() });
+    }
+    if args.display.materials != Reflection::Diffuse {
+        return Err(Error::WorldMaterials { path: path.to_path_buf() });
     }
     output::check_out(&common.out)?;
     let progress = Progress::new(common.quiet);

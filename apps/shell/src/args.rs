@@ -15,7 +15,7 @@ pub mod temporal;
 pub use bake::{BakeOptions, Bounces};
 pub use common::Common;
 pub use definition::{definition, read};
-pub use display::{DisplayOptions, DisplaySettings, Exposure};
+pub use display::{DisplayOptions, DisplaySettings, Exposure, Reflection};
 pub use input::Input;
 pub use local::LocalArgs;
 pub use method::{Method, MethodOptions, parse_purpose};

@@ -31,6 +31,15 @@ pub enum Error {
         /// Error from the operating system.
         source: std::io::Error,
     },
+    /// The surfaces of a world are diffuse.
+    #[error(
+        "{} is the bake of a world, whose surfaces are diffuse; leave out --materials, or render its scene",
+        path.display()
+    )]
+    WorldMaterials {
+        /// The bake.
+        path: PathBuf,
+    },
     /// The bake of a world goes with one method.
     #[error("{} is the bake of a world; render it with --method local, or render its scene", path.display())]
     BakeMethod {

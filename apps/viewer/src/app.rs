@@ -205,6 +205,7 @@ impl<'a> App<'a> {
         let mut state = State::new(loaded, &bake, &settings.methods);
         state.sub_frames = settings.sub_frames;
         state.display.tone = settings.shown.tone;
+        state.reflection = settings.shown.materials;
         match settings.shown.exposure {
             Exposure::Automatic => state.is_auto_exposed = true,
             Exposure::Stops(stops) => state.display.stops = stops,
@@ -503,7 +504,8 @@ impl<'a> App<'a> {
         if !has_changed && open.live.is_settled() && !self.is_compared {
             let (camera, ours) = open.live.picture(&self.state)?;
             let scene = open.live.scene().clone();
-            self.comparer.start(Job { scene, camera, ours, transform: self.state.display });
+            let State { display: transform, reflection: materials, .. } = self.state;
+            self.comparer.start(Job { scene, camera, ours, transform, materials });
             self.is_compared = true;
         }
         let Some(found) = self.comparer.take() else { return Ok(()) };

@@ -125,7 +125,8 @@ impl Live {
             .with_size(size)
             .with_sub_frames(state.sub_frames)
             .with_receivers(ReceiverUpdate::InView)
-            .with_direct(PixelLight::Smooth);
+            .with_direct(PixelLight::Smooth)
+            .with_materials(state.reflection);
         let renderer = PictureRenderer::of_bake(bake, executor, &light, &pictures, observer)?;
         let method = (chosen.name.clone(), chosen.settings);
         let albedo = vec![None; state.albedo.len()];

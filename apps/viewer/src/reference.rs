@@ -8,7 +8,7 @@ use std::thread::JoinHandle;
 
 use reference::metrics::{compare_pictures, difference_picture};
 use reference::{Accumulation, PathSettings, PathTracer, Picture, PictureErrors, PictureFile as _};
-use scene::{Camera, DisplayTransform, Scene, stops_to_scale};
+use scene::{Camera, DisplayTransform, Materials, Scene, stops_to_scale};
 
 use crate::error::Error;
 use crate::live::rgba;
@@ -30,6 +30,8 @@ pub struct Job {
     pub ours: Picture,
     /// Exposure and tone curve.
     pub transform: DisplayTransform,
+    /// Reflection of surfaces.
+    pub materials: Materials,
 }
 
 /// Result of a comparison so far.
@@ -154,7 +156,7 @@ fn work(shared: &Shared) {
 /// Traces paths until there are enough or another job is wanted.
 fn trace(shared: &Shared, number: u64, job: &Job) {
     let tracer = PathTracer::new(&job.scene);
-    let settings = PathSettings { seed: shared.seed, ..PathSettings::default() };
+    let settings = PathSettings { seed: shared.seed, materials: job.materials, ..PathSettings::default() };
     let mut sums = Accumulation::new(&job.camera, settings);
     let continues = |_: u32, _: u32| match shared.is_wanted(number) {
         true => ControlFlow::Continue(()),

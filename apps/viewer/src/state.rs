@@ -8,7 +8,7 @@ use glam::Vec3;
 use patchlight::debug::DebugKind;
 use patchlight::{Bake, BakeProgress, MethodSettings, ReceiverKind};
 use reference::PictureErrors;
-use scene::{DisplayTransform, Material, NONE, Tone};
+use scene::{DisplayTransform, Material, Materials, NONE, Tone};
 
 use crate::eye::Eye;
 use crate::lights::EditedLighting;
@@ -166,6 +166,8 @@ pub struct State {
     pub divisor: u32,
     /// True if edges become smooth while nothing moves.
     pub is_smooth: bool,
+    /// Reflection of surfaces.
+    pub reflection: Materials,
     /// Names of the materials.
     pub materials: Vec<String>,
     /// Names of the objects of the scene.
@@ -216,6 +218,7 @@ impl State {
             has_panels: true,
             has_help: false,
             sub_frames: 1,
+            reflection: Materials::default(),
             divisor: 1,
             is_smooth: true,
             materials: material_names(loaded, bake),

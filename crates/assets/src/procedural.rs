@@ -17,6 +17,7 @@
 //! | `islands` | open boxes in the air under a sun and a very dim sky |
 //! | `kitchen` | a kitchen lit by sun and sky through one window, a bright sill, cupboards, a papered wall |
 //! | `bay` | shining panes close behind arched and straight frames in deep reveals, blinds half down |
+//! | `gloss` | varnished boards, bricks by a normal map, balls of brushed metal and plastic; for `Materials::Gltf` |
 //!
 //! `NAME:KEY=VALUE,KEY=VALUE` gives parameters ([`BUILT_IN`]); `ground` is one of all scenes.
 
@@ -37,6 +38,7 @@ mod city;
 mod clutter;
 mod cornell;
 mod corridor;
+mod gloss;
 mod islands;
 mod kitchen;
 mod office;
@@ -103,6 +105,7 @@ pub fn build(spec: &str) -> Result<LoadedScene, ImportError> {
         "islands" => islands::build(&values),
         "kitchen" => kitchen::build(&values),
         "bay" => bay::build(&values),
+        "gloss" => gloss::build(&values),
         _ => Ok(boxes::furnace()),
     }
     .map_err(|(key, reason)| fault(format!("{key}: {reason}")))?;

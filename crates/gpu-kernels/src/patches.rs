@@ -2,9 +2,13 @@
 //! receivers.
 
 use ::patches::kernel::{lookup, volume, weights};
-use ::patches::{LookupParams, LookupPatch, VolumeParams, WeightParams};
-use ::scene::{Rgb, SurfacePoint};
+use ::patches::{DifferenceParams, LookupParams, LookupPatch, VolumeParams, WeightParams};
+use ::scene::gpu::Triangle;
+use ::scene::kernel::lobe::Slope;
+use ::scene::{Hit, Lobe, NONE, Rgb, SurfacePoint};
 use ::transport::kernel::view;
+use ::transport::{ReceiverCell, TriangleGrid};
+use glam::Vec3;
 
 kernels! {
     /// Value of the patches round every point, W/m² for irradiance: [`lookup::lookup`]. One
@@ -77,6 +81,42 @@ kernels! {
             (light, before)
         }
     } host crate::host::patches::weigh_view;
+
+    /// Turns the irradiance of pixels, W/m², to the normals of maps, by the quadrants of the receivers:
+    /// [`weights::add_difference`]. One invocation per pixel.
+    PATCHES_TURN: TurnPass = "patches_turn"(p: DifferenceParams) for k in 0..count {
+        hits: read [Hit; count],
+        points: read [SurfacePoint; count],
+        lobes: read [Lobe; count],
+        triangles: read [Triangle; 1],
+        grids: read [TriangleGrid; triangles.len()],
+        receiver_cells: read [ReceiverCell],
+        vertices: read [u32],
+        row_start: read [u32; p.rows as usize + 1],
+        list_start: read [u32; crate::host::patches::difference_blocks(p)?],
+        lists: read [u32],
+        entries: read [u32],
+        receivers: read [SurfacePoint],
+        received: read [Rgb],
+        irradiance: update [Rgb] as before,
+    } each {
+        let bend = lobes[k as usize].bend;
+        let point = points[k as usize];
+        let (ids, w) = view::pixel_vertices(grids, receiver_cells, vertices, triangles, hits[k as usize], point);
+        let mut after = before;
+        if ids.x != NONE && bend.dot(bend) > 0.0 {
+            let mut sum = Slope::default();
+            for corner in 0..3 {
+                let row = if corner == 0 { ids.x } else if corner == 1 { ids.y } else { ids.z };
+                let share = if corner == 0 { w.x } else if corner == 1 { w.y } else { w.z };
+                sum = weights::add_difference(
+                    row, p.block_rows, row_start, list_start, lists, entries, receivers, received, share, sum,
+                );
+            }
+            after = (before.truncate() + sum.along(bend)).max(Vec3::ZERO).extend(before.w);
+        }
+        after
+    }
 
     /// Marks what the rows that a view needs take from, once for each view:
     /// [`weights::mark_row`]. One invocation per row.

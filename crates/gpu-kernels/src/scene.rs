@@ -1,9 +1,12 @@
 //! Kernels over the scene: rays, direct light, primary visibility, shading, tone mapping.
 
 use ::scene::gpu::{DirectParams, Emitter, EmitterGroup, LargeParams, ShareParams, SpecularChain, WalkParams};
-use ::scene::kernel::medium::{Absorbing, Air};
-use ::scene::kernel::{bvh, camera, large, light, normal, shade, specular, tone, walk};
-use ::scene::{Hit, Light, Ray, Rgb, SurfacePoint};
+use ::scene::kernel::medium::{Absorbing, Air, transmittance};
+use ::scene::kernel::{bvh, camera, large, light, lobe, normal, shade, specular, tone, walk};
+use ::scene::{Finish, Hit, Light, Lobe, NONE, Ray, Rgb, Sky, SurfacePoint};
+use ::transport::TriangleGrid;
+use ::transport::kernel::grid::owner;
+use core::f32::consts::FRAC_1_PI;
 use glam::Vec3;
 
 use crate::params::{
@@ -136,6 +139,154 @@ kernels! {
     } each {
         let direction = camera::primary_direction(&p.camera, p.first + k, p.seed);
         shade::pixel_albedo(&geometry, &p.camera, direction, hits[k as usize])
+    }
+
+    /// The finish of what every pixel shows: bends the normals, and says what the lobe is: [`lobe::finished`]. One
+    /// invocation per pixel.
+    SCENE_FINISH: FinishPass = "scene_finish"(p: PixelParams) for k in 0..count {
+        hits: read [Hit; count],
+        albedo: read [Rgb; count],
+        geometry: GeometryTables,
+        finishes: read [Finish],
+        lights: read [Light; p.light_count as usize],
+        points: update [SurfacePoint] as point,
+        lobes: write [Lobe],
+    } each {
+        let hit = hits[k as usize];
+        let direction = camera::primary_direction(&p.camera, p.first + k, p.seed);
+        let area = shade::seen_area(&geometry, &p.camera, direction, hit);
+        let seen = albedo[k as usize];
+        let all = lobe::finished(&geometry, finishes, hit, direction, area, point, seen, Vec3::ONE);
+        (all.0, lobe::shown(all.1, lights, p.light_count, p.camera.eye, hit))
+    }
+
+    /// The finish of what specular paths show: [`lobe::finished`]. One invocation per pixel.
+    SCENE_CHAIN_FINISH: ChainFinishPass = "scene_chain_finish"(p: PixelParams) for k in 0..count {
+        hits: read [Hit; count],
+        chains: read [SpecularChain; count],
+        albedo: read [Rgb; count],
+        geometry: GeometryTables,
+        finishes: read [Finish],
+        points: update [SurfacePoint] as point,
+        lobes: write [Lobe],
+    } each {
+        let hit = hits[k as usize];
+        let chain = chains[k as usize];
+        let direction = chain.direction;
+        let area = shade::seen_area(&geometry, &p.camera, direction, hit);
+        let seen = albedo[k as usize];
+        lobe::finished(&geometry, finishes, hit, direction, area, point, seen, chain.through)
+    }
+
+    /// The part of the albedo of every pixel that its lobe leaves to diffuse reflection. One invocation per pixel.
+    SCENE_MATTE: MattePass = "scene_matte"(p: CountParams) for k in 0..count {
+        lobes: read [Lobe; count],
+        albedo: read [Rgb; count],
+        matte: write [Rgb],
+    } each {
+        let seen = albedo[k as usize];
+        (seen.truncate() * lobes[k as usize].matte).extend(seen.w)
+    }
+
+    /// What the lobe of every pixel sends to the eye of the light of parallel, point and spot lights and luminaires,
+    /// W/m²/sr: [`lobe::sharp_light`]. Adds its reflectance to the sum of the sub-frames. One invocation per pixel.
+    SCENE_LOBE_SHARP: LobeSharpPass = "scene_lobe_sharp"(p: MediumDirectParams) for k in 0..count {
+        points: read [SurfacePoint; count],
+        lobes: read [Lobe; count],
+        geometry: GeometryTables,
+        lights: Lights,
+        shine: write [Rgb],
+        reflectance: update [Rgb] as reflectance_before,
+    } each {
+        let stopped = |origin: Vec3, direction: Vec3, t_max: f32| {
+            bvh::any_hit(&geometry, origin, direction, t_max)
+        };
+        let i = k as usize;
+        let shine = lobe::sharp_light(&p.direct, p.absorption, points[i], &lobes[i], &lights, stopped);
+        let reflectance = lobe::reflectance(&lobes[i], points[i].normal);
+        (shine.extend(0.0), reflectance_before + reflectance.extend(0.0))
+    }
+
+    /// Adds what the lobe of every pixel sends to the eye of the light of rectangles and emitters, were nothing in the
+    /// way, W/m²/sr: [`lobe::open_light`]. One invocation per pixel.
+    SCENE_LOBE_OPEN: LobeOpenPass = "scene_lobe_open"(p: LargeParams) for k in 0..count {
+        points: read [SurfacePoint; count],
+        lobes: read [Lobe; count],
+        geometry: GeometryTables,
+        lights: Lights,
+        groups: read [EmitterGroup],
+        open: update [Rgb] as open_before,
+    } each {
+        let i = k as usize;
+        let at = p.first + k;
+        open_before + lobe::open_light(&geometry, &lights, groups, p, at, points[i], &lobes[i]).extend(0.0)
+    }
+
+    /// Adds what the lobe of every pixel sends to the eye along one ray to the sums of the sub-frames: light of the sky, and
+    /// that of what the ray meets, by the exitance of the element there; W/m²/sr: [`lobe::ray`]. One invocation per pixel.
+    SCENE_LOBE_RAY: LobeRayPass = "scene_lobe_ray"(p: MediumLargeParams) for k in 0..count {
+        points: read [SurfacePoint; count],
+        lobes: read [Lobe; count],
+        geometry: GeometryTables,
+        sky: read [Sky; 1],
+        sky_map: read [Rgb],
+        grids: read [TriangleGrid],
+        cells: read [u32],
+        exitance: read [Rgb],
+        of_sky: update [Rgb] as sky_before,
+        of_surfaces: update [Rgb] as surfaces_before,
+    } each {
+        let i = k as usize;
+        let lobe = lobes[i];
+        let point = points[i];
+        let mut after = (sky_before, surfaces_before);
+        if lobe.alpha > 0.0 {
+            let (direction, share) = lobe::ray(&p.large, p.large.first + k, point, &lobe);
+            if share.x > 0.0 || share.y > 0.0 || share.z > 0.0 {
+                let origin = point.position + point.normal * p.large.ray_offset;
+                let hit = bvh::closest_hit(&geometry, origin, direction, bvh::FAR);
+                if hit.triangle == NONE {
+                    let left = transmittance(p.absorption, bvh::FAR);
+                    let light = light::sky_radiance(&sky[0], sky_map, direction);
+                    after.0 += (share * left * light).extend(0.0);
+                } else {
+                    let front = geometry.normal(hit.triangle).dot(direction) < 0.0;
+                    let cell = owner(grids[hit.triangle as usize], hit, front);
+                    let element = if cell == NONE { NONE } else { cells[cell as usize] };
+                    if element != NONE {
+                        let left = transmittance(p.absorption, hit.t) * FRAC_1_PI;
+                        after.1 += (share * left * exitance[element as usize].truncate()).extend(0.0);
+                    }
+                }
+            }
+        }
+        after
+    }
+
+    /// Adds what the rays of lobes found to the sums of every pixel, averaged over like pixels as shares of large lights
+    /// are: [`large::shadowed_light`]. One invocation per pixel.
+    SCENE_ADD_LOBES: AddLobesPass = "scene_add_lobes"(p: ShareParams) for k in 0..count {
+        points: read [SurfacePoint; p.count_about as usize],
+        reflectance: read [Rgb; p.count_about as usize],
+        of_sky: read [Rgb; p.count_about as usize],
+        of_surfaces: read [Rgb; p.count_about as usize],
+        full: update [Rgb] as full_before,
+        direct: update [Rgb] as direct_before,
+    } each {
+        let at = p.first + k;
+        let sky = large::shadowed_light(p, at, points, reflectance, of_sky, reflectance).extend(0.0);
+        let surfaces = large::shadowed_light(p, at, points, reflectance, of_surfaces, reflectance).extend(0.0);
+        (full_before + sky + surfaces, direct_before + sky)
+    }
+
+    /// Adds what the lobes sent to the eye of direct light to the sums of every pixel. One invocation per pixel.
+    SCENE_ADD_SHINE: AddShinePass = "scene_add_shine"(p: CountParams) for k in 0..count {
+        shine: read [Rgb; count],
+        full: update [Rgb] as full_before,
+        direct: update [Rgb] as direct_before,
+    } each {
+        let light = shine[k as usize];
+        (full_before + light, direct_before + light)
     }
 
     /// Adds the radiance of one sub-frame to every pixel's sum, W/m²/sr: [`shade::add_sub_frame`].

@@ -163,3 +163,18 @@ pub struct WeightParams {
     pub reserved: [u32; 2],
 }
 const _: () = assert!(size_of::<WeightParams>() == 32);
+
+/// Settings of the light that receivers know by direction, at pixels with a finish ([`crate::kernel::weights`]).
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
+pub struct DifferenceParams {
+    /// Pixels.
+    pub count: u32,
+    /// Rows of weights: interpolation points.
+    pub rows: u32,
+    /// Rows of a block, which have a list of receivers.
+    pub block_rows: u32,
+    /// Keeps the size a multiple of 16.
+    pub reserved: u32,
+}
+const _: () = assert!(size_of::<DifferenceParams>() == 16);

@@ -131,6 +131,12 @@ pub(crate) enum Reason {
     /// Receivers that photons do not serve.
     #[error("photons light receivers on the mesh or at the pixels, not the patches themselves; choose other receivers")]
     FirstShotReceivers,
+    /// Finish of surfaces where nothing knows the directions of light.
+    #[error(
+        "normal maps and specular lobes need receivers on the mesh, with light without noise at pixels; choose those, or \
+         diffuse materials"
+    )]
+    FinishReceivers,
     /// Light at places of surfaces where no receivers stand on these.
     #[error("light at corners and texels is interpolated between receivers on the mesh; choose those")]
     OutputReceivers,

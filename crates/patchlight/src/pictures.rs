@@ -5,14 +5,15 @@ use std::sync::Arc;
 use patches::Columns;
 use runtime::executor::Executor;
 use runtime::plan::{BufferId, PassId, Slice};
-use scene::{Camera, DisplayTransform, Lighting, Rgb, SurfacePoint};
+use scene::{Camera, DisplayTransform, Lighting, Materials, Rgb, SurfacePoint};
 use transport::Observer;
 
 use crate::bake::{Bake, ReceiverKind};
-use crate::error::Error;
+use crate::error::{Error, Reason};
 use crate::job::BakeJob;
 use crate::light::{LightField, LightSettings, LightUpdate, Stamps, by_name, gather_at};
 use crate::low_level::frame::FramePlan;
+use crate::low_level::stage::finish::FinishTables;
 use crate::low_level::stage::gather::ReceiverTables;
 use crate::low_level::stage::shade::PixelLight;
 use crate::low_level::stage::{display, shade, sky, view};
@@ -44,12 +45,20 @@ pub struct PictureSettings {
     pub receivers: ReceiverUpdate,
     /// Method for direct light of large sources at pixels.
     pub direct: PixelLight,
+    /// Reflection of surfaces; other than diffuse with receivers on the mesh and [`PixelLight::Smooth`].
+    pub materials: Materials,
 }
 
 impl Default for PictureSettings {
     /// 16 sub-frames of 960 × 540.
     fn default() -> Self {
-        Self { size: (960, 540), sub_frames: 16, receivers: ReceiverUpdate::All, direct: PixelLight::default() }
+        Self {
+            size: (960, 540),
+            sub_frames: 16,
+            receivers: ReceiverUpdate::All,
+            direct: PixelLight::default(),
+            materials: Materials::default(),
+        }
     }
 }
 
@@ -62,6 +71,8 @@ setters!(PictureSettings {
     with_receivers(receivers: ReceiverUpdate);
     /// With a method for direct light of large sources at pixels.
     with_direct(direct: PixelLight);
+    /// With a reflection of surfaces.
+    with_materials(materials: Materials);
 });
 
 /// A rendered frame.
@@ -455,7 +466,14 @@ impl PicturePlan {
         let indirect = shade::Indirect::of_bake(frame);
         let smooth = receivers.filter(|_| settings.direct == PixelLight::Smooth);
         let sky = smooth.map(|receivers| sky::add(frame, receivers)).transpose()?;
-        let mut shade = shade::add(frame, &tables, &indirect, settings.size, settings.sub_frames, sky.as_ref())?;
+        let has_finish = settings.materials == Materials::Gltf && !frame.bake.scene.geometry.finishes.is_empty();
+        let finish = match (smooth, &sky) {
+            (Some(receivers), Some(sky)) if has_finish => FinishTables::new(frame, receivers, sky),
+            _ if has_finish => return Err(Reason::FinishReceivers.into()),
+            _ => None,
+        };
+        let PictureSettings { size, sub_frames, .. } = *settings;
+        let mut shade = shade::add(frame, &tables, &indirect, size, sub_frames, sky.as_ref(), finish)?;
         let in_view = receivers.filter(|_| settings.receivers == ReceiverUpdate::InView);
         let view = view::add(frame, &tables, in_view, &indirect, &mut shade)?;
         let display = display::add(frame, &shade, settings.size)?;

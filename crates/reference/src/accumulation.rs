@@ -195,7 +195,7 @@ impl Accumulation {
         let mut bytes = Vec::with_capacity(HEADER + self.pixels.len() * size_of::<PixelSums>() + CHECKSUM);
         bytes.extend(MAGIC);
         let s = self.settings;
-        for word in [VERSION, self.width, self.height, self.samples, s.seed, s.bounces, s.strategy as u32] {
+        for word in [VERSION, self.width, self.height, self.samples, s.seed, s.bounces, s.code()] {
             bytes.extend(word.to_le_bytes());
         }
         bytes.extend(fingerprint);
@@ -255,7 +255,7 @@ impl Accumulation {
         if body[HEADER - 32..HEADER] != *fingerprint || (width, height) != (camera.width, camera.height) {
             return Err(ResumeError::Scene);
         }
-        if [word(4)?, word(5)?, word(6)?] != [settings.seed, settings.bounces, settings.strategy as u32] {
+        if [word(4)?, word(5)?, word(6)?] != [settings.seed, settings.bounces, settings.code()] {
             return Err(ResumeError::Settings);
         }
         let mut pixels = vec![PixelSums::default(); width as usize * height as usize];

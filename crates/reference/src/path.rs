@@ -17,15 +17,16 @@ use std::ops::ControlFlow;
 
 use glam::Vec3;
 use rayon::prelude::*;
-use scene::gpu::{LIGHT_DIRECTIONAL, LIGHT_LUMINAIRE, LIGHT_RECT, LIGHT_SPOT};
+use scene::gpu::{DirectParams, LIGHT_DIRECTIONAL, LIGHT_LUMINAIRE, LIGHT_RECT, LIGHT_SPOT};
 use scene::kernel::bvh::FAR;
 use scene::kernel::camera::{camera_direction, surface_point};
 use scene::kernel::light::{luminaire_share, meet_rect, pick_emitter, sky_radiance, spot_falloff};
+use scene::kernel::lobe;
 use scene::kernel::normal::shading_point;
 use scene::kernel::specular::specular_parts;
-use scene::math::clamp;
-use scene::sampling::{cosine_hemisphere, hash3, uniform_triangle};
-use scene::{Camera, GeometryTables, Hit, Light, Lights, Scene, SurfacePoint};
+use scene::math::{clamp, sin_cos_2pi};
+use scene::sampling::{cosine_hemisphere, frame, hash3, uniform_triangle};
+use scene::{Camera, Finish, GeometryTables, Hit, Light, Lights, Lobe, Materials, Scene, SurfacePoint};
 
 use crate::accumulation::Accumulation;
 use crate::error::Error;
@@ -56,12 +57,21 @@ pub struct PathSettings {
     pub bounces: u32,
     /// Sampling strategy for emitters and sky map.
     pub strategy: Strategy,
+    /// Reflection of what the camera sees.
+    pub materials: Materials,
+}
+
+impl PathSettings {
+    /// Strategy and materials as a number of files.
+    pub(crate) fn code(&self) -> u32 {
+        self.strategy as u32 | (self.materials as u32) << 8
+    }
 }
 
 impl Default for PathSettings {
     /// All bounces, both strategies, seed 0.
     fn default() -> Self {
-        Self { seed: 0, bounces: u32::MAX, strategy: Strategy::Both }
+        Self { seed: 0, bounces: u32::MAX, strategy: Strategy::Both, materials: Materials::Diffuse }
     }
 }
 
@@ -310,11 +320,19 @@ impl<'a> PathTracer<'a> {
                 return found;
             }
             let onward = self.onward(hit, direction, &mut sampler);
+            let through = throughput;
             throughput *= onward.weight * onward.radiance_ratio;
             let Some(ray) = onward.ray else {
-                let light = self.gather(shading_point(&self.geometry, hit, direction), shared, &mut sampler);
-                found.direct += throughput * light.direct;
-                found.indirect += throughput * light.indirect;
+                let point = shading_point(&self.geometry, hit, direction);
+                let (point, lobe) = self.finished(hit, direction, point, onward.weight, shared.settings.materials);
+                let light = self.gather(point, shared, &mut sampler);
+                found.direct += throughput * lobe.matte * light.direct;
+                found.indirect += throughput * lobe.matte * light.indirect;
+                if lobe.alpha > 0.0 {
+                    let light = self.gather_lobe(point, &lobe, shared, &mut sampler);
+                    found.direct += through * light.direct;
+                    found.indirect += through * light.indirect;
+                }
                 return found;
             };
             if surface >= SURE_VERTICES && !survives(&mut throughput, &mut sampler) {
@@ -322,6 +340,64 @@ impl<'a> PathTracer<'a> {
             }
             (origin, direction) = ray;
             hit = self.scene.closest_before(origin, direction, FAR);
+        }
+        found
+    }
+
+    /// The point that is shaded, and the lobe of its surface with this albedo.
+    fn finished(
+        &self,
+        hit: Hit,
+        direction: Vec3,
+        point: SurfacePoint,
+        albedo: Vec3,
+        materials: Materials,
+    ) -> (SurfacePoint, Lobe) {
+        let geometry = &self.scene.geometry;
+        let material = geometry.triangles[hit.triangle as usize].material as usize;
+        if materials == Materials::Diffuse || material >= geometry.finishes.len() {
+            return (point, Lobe { matte: 1.0, ..Lobe::default() });
+        }
+        let finishes: &[Finish] = &geometry.finishes;
+        lobe::finished(&self.geometry, finishes, hit, direction, 0.0, point, albedo.extend(0.0), Vec3::ONE)
+    }
+
+    /// One sample of the radiance that a lobe sends to the eye: lights without extent by shadow rays, all else along a
+    /// direction that the lobe picks.
+    fn gather_lobe(&self, point: SurfacePoint, lobe: &Lobe, shared: &Shared, sampler: &mut Sampler) -> Gathered {
+        let ray_offset = self.scene.geometry.ray_offset;
+        let params =
+            DirectParams { light_count: self.lights.lights.len() as u32, ray_offset, ..DirectParams::default() };
+        let stopped = |origin: Vec3, direction: Vec3, t_max: f32| self.scene.occluded(origin, direction, t_max);
+        let absorption = self.scene.geometry.absorption;
+        let mut found = Gathered::default();
+        found.direct = lobe::sharp_light(&params, absorption, point, lobe, &self.lights, stopped);
+        let (mut direction, density) = by_microfacets(lobe, point.normal, sampler.next());
+        let mut origin = point.position + point.normal * ray_offset;
+        let mut throughput = lobe::reflected(lobe, point.normal, direction) * (1.0 / density);
+        if throughput == Vec3::ZERO || !throughput.is_finite() {
+            return found;
+        }
+        for surface in 0..MAX_VERTICES {
+            let hit = self.scene.closest_before(origin, direction, FAR);
+            let (radiance, distance) = self.seen(origin, hit, direction);
+            throughput *= self.scene.transmittance(distance);
+            let part = if surface == 0 { &mut found.direct } else { &mut found.indirect };
+            *part += throughput * radiance;
+            if distance < hit.t || hit.is_miss() || surface >= shared.settings.bounces {
+                return found;
+            }
+            let onward = self.onward(hit, direction, sampler);
+            throughput *= onward.weight * onward.radiance_ratio;
+            let Some(ray) = onward.ray else {
+                let light = self.gather(surface_point(&self.geometry, hit, direction), shared, sampler);
+                found.indirect += throughput * (light.direct + light.indirect);
+                return found;
+            };
+            if surface >= SURE_VERTICES && !survives(&mut throughput, sampler) {
+                return found;
+            }
+            (origin, direction) = ray;
         }
         found
     }
@@ -600,6 +676,21 @@ impl<'a> PathTracer<'a> {
         let left = self.scene.transmittance(squared.sqrt());
         self.geometry.radiance(e.triangle, u, v) * left * (here / density * weight)
     }
+}
+
+/// A direction that a lobe mirrors to the eye, and its density, 1/sr, from a point of the unit square: by microfacets that
+/// are chosen by `D cosθ`, seen or not (Walter et al. 2007).
+fn by_microfacets(lobe: &Lobe, normal: Vec3, at: (f32, f32)) -> (Vec3, f32) {
+    let squared = lobe.alpha * lobe.alpha;
+    let cosine = ((1.0 - at.0) / (1.0 + (squared - 1.0) * at.0)).sqrt();
+    let sine = (1.0 - cosine * cosine).max(0.0).sqrt();
+    let (s, c) = sin_cos_2pi(at.1);
+    let (right, up) = frame(normal);
+    let half = right * (sine * c) + up * (sine * s) + normal * cosine;
+    let facing = half.dot(lobe.to_eye);
+    let spread = cosine * cosine * (squared - 1.0) + 1.0;
+    let density = squared * cosine / (PI * spread * spread * 4.0 * facing.abs().max(1e-6));
+    (half * (2.0 * facing) - lobe.to_eye, density)
 }
 
 /// Russian roulette: whether a path goes on, by the greatest channel of its throughput, which it then has over.

@@ -93,6 +93,27 @@ pub enum Error {
         /// Value found.
         found: ReflectanceFault,
     },
+    /// There are more finishes than materials.
+    #[error("{found} finishes are given for {expected} materials; give one a material at most")]
+    FinishLength {
+        /// Materials.
+        expected: usize,
+        /// Finishes.
+        found: usize,
+    },
+    /// A number of a material's finish makes no sense.
+    #[error(
+        "material {material}: its {name} is {value}; roughness and metallic must be from 0 to 1, and the scale of normals \
+         finite"
+    )]
+    Finish {
+        /// The material.
+        material: usize,
+        /// The number concerned.
+        name: &'static str,
+        /// Its value.
+        value: f32,
+    },
     /// The medium between surfaces gives light, or is no number.
     #[error("the absorption of the medium is {value} 1/m in a channel; it must be finite and not below 0")]
     Absorption {

@@ -137,6 +137,66 @@ impl Default for Material {
     }
 }
 
+/// What pictures show of a surface beside its [`Material`], as glTF 2.0 has it: a normal map, and a rough specular lobe
+/// over a part of the albedo ([`crate::kernel::lobe`]). Light between surfaces knows nothing of either.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
+pub struct Finish {
+    /// Texture of normals in the frame of the texture coordinates, or [`NONE`].
+    pub normal_texture: u32,
+    /// Multiplies the slope of its normals.
+    pub normal_scale: f32,
+    /// Texture whose green multiplies `roughness` and whose blue multiplies `metallic`, or [`NONE`].
+    pub surface_texture: u32,
+    /// Roughness of the lobe, 0 to 1; its width α is the square of it.
+    pub roughness: f32,
+    /// Share of the surface that is metal: it reflects its albedo in the lobe, and nothing diffusely.
+    pub metallic: f32,
+    /// 1 where there is a lobe.
+    pub has_lobe: u32,
+    /// Keeps the size a multiple of 16.
+    pub reserved: [u32; 2],
+}
+const _: () = assert!(size_of::<Finish>() == 32);
+
+impl Default for Finish {
+    /// Diffuse and even.
+    fn default() -> Self {
+        Self {
+            normal_texture: NONE,
+            normal_scale: 1.0,
+            surface_texture: NONE,
+            roughness: 1.0,
+            metallic: 0.0,
+            has_lobe: 0,
+            reserved: [0; 2],
+        }
+    }
+}
+
+/// The specular lobe of what a pixel shows; none where `alpha` is 0.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct Lobe {
+    /// Reflectance of light that falls along the normal of the microfacets.
+    pub facing: Vec3,
+    /// Width of the distribution of microfacets, α of GGX.
+    pub alpha: f32,
+    /// Reflectance of light that grazes them.
+    pub grazing: Vec3,
+    /// Share of the albedo that stays diffuse.
+    pub matte: f32,
+    /// Unit direction from the surface to where it is seen from.
+    pub to_eye: Vec3,
+    /// Keeps the size a multiple of 16.
+    pub reserved_b: u32,
+    /// Normal of the normal map less that of the surface.
+    pub bend: Vec3,
+    /// Keeps the size a multiple of 16.
+    pub reserved_c: u32,
+}
+const _: () = assert!(size_of::<Lobe>() == 64);
+
 /// A picture with its mip pyramid in the texel buffer. Level k is `max(1, width >> k)` by `max(1, height >> k)`, levels
 /// follow each other, row 0 is the top. A texel is two words: linear r, g and b, a as 16-bit unsigned fractions.
 #[repr(C)]

@@ -33,7 +33,9 @@ pub use file::{open_regular, read_regular};
 pub use geometry::{Geometry, Occluder, texel_count};
 pub use groups::MAX_EMITTER_GROUPS;
 pub use lighting::Lighting;
-pub use picture::{DisplayTransform, METERED_PIXELS, Picture, Tone, automatic_stops, scale_to_stops, stops_to_scale};
+pub use picture::{
+    DisplayTransform, METERED_PIXELS, Materials, Picture, Tone, automatic_stops, scale_to_stops, stops_to_scale,
+};
 pub use pyramid::{Halver, Pyramid, half};
 pub use receivers::ReceiverSet;
 pub use scene::{Scene, SceneParts};

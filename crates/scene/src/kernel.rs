@@ -7,6 +7,7 @@ pub mod bvh;
 pub mod camera;
 pub mod large;
 pub mod light;
+pub mod lobe;
 pub mod medium;
 pub mod normal;
 pub mod shade;

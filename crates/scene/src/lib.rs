@@ -62,7 +62,7 @@ pub mod host;
 #[doc(inline)]
 pub use error::{Error, ReflectanceFault};
 #[doc(inline)]
-pub use gpu::{Camera, Hit, LUMENS_PER_WATT, Light, Material, NONE, Ray, Rgb, Sky, SurfacePoint};
+pub use gpu::{Camera, Finish, Hit, LUMENS_PER_WATT, Light, Lobe, Material, NONE, Ray, Rgb, Sky, SurfacePoint};
 #[doc(inline)]
 pub use kernel::light::Lights;
 #[doc(inline)]
@@ -73,8 +73,8 @@ pub use units::{Flux, Intensity, Irradiance, Radiance, SurfaceLight};
 #[cfg(feature = "alloc")]
 #[doc(inline)]
 pub use host::{
-    BuildError, DisplayTransform, Distribution, Geometry, LightId, Lighting, MAX_EMITTER_GROUPS, MaterialId, Mesh,
-    MeshFault, MeshId, Occluder, POINT_WALKS, Picture, ReceiverSet, SKY_BINS, Scene, SceneBuilder, SceneEdit,
+    BuildError, DisplayTransform, Distribution, Geometry, LightId, Lighting, MAX_EMITTER_GROUPS, MaterialId, Materials,
+    Mesh, MeshFault, MeshId, Occluder, POINT_WALKS, Picture, ReceiverSet, SKY_BINS, Scene, SceneBuilder, SceneEdit,
     SceneParts, SidePolicy, Sides, TextureId, Tone, find_lit_sides, find_sides, is_open, reachability, scale_to_stops,
     sky_bin, sky_exitance, stops_to_scale, texel_count,
 };

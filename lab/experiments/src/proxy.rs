@@ -231,6 +231,7 @@ fn with_panels(scene: &Scene) -> Result<Option<Scene>, Error> {
         distributions: scene.lighting.distributions.to_vec(),
         ray_offset: None,
         absorption: scene.geometry.absorption,
+        ..SceneParts::default()
     };
     let material = parts.materials.len() as u32;
     parts.materials.push(Material::default());

@@ -3,7 +3,7 @@
 use assets::LoadedScene;
 use clap::{Args, ValueEnum};
 use reference::{DisplayTransform, Picture, Tone};
-use scene::Scene;
+use scene::{Materials, Scene};
 
 /// Most stops of an exposure, up or down.
 const MAX_STOPS: f32 = 100.0;
@@ -40,6 +40,26 @@ pub enum Normals {
     Flat,
 }
 
+/// Reflection of surfaces in pictures.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
+pub enum Reflection {
+    /// Diffuse, but for mirrors and glass.
+    #[default]
+    Diffuse,
+    /// With normal maps and rough highlights.
+    Gltf,
+}
+
+impl Reflection {
+    /// Its materials.
+    pub fn materials(self) -> Materials {
+        match self {
+            Self::Diffuse => Materials::Diffuse,
+            Self::Gltf => Materials::Gltf,
+        }
+    }
+}
+
 /// Exposure of pictures.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum Exposure {
@@ -72,6 +92,19 @@ pub struct DisplayOptions {
     /// Smooth ones are interpolated between the vertices of a file that has normals.
     #[arg(long, value_enum, hide_possible_values = true, help_heading = "Picture")]
     pub normals: Option<Normals>,
+    /// Surfaces: diffuse, or gltf with normal maps and highlights [default: diffuse].
+    ///
+    /// Light between surfaces is the same. Highlights have a roughness of 0.4 at least; roughness, metalness and normal maps
+    /// are those of a glTF file, or of the materials in a scene file.
+    #[arg(
+        long,
+        value_enum,
+        default_value_t,
+        hide_default_value = true,
+        hide_possible_values = true,
+        help_heading = "Picture"
+    )]
+    pub materials: Reflection,
 }
 
 impl DisplayOptions {
@@ -88,7 +121,11 @@ impl DisplayOptions {
     /// As these options and a scene say.
     pub fn shown(&self, loaded: &LoadedScene) -> DisplaySettings {
         let shown = DisplaySettings::of(loaded);
-        DisplaySettings { tone: self.tone.tone(), exposure: self.exposure.unwrap_or(shown.exposure) }
+        DisplaySettings {
+            tone: self.tone.tone(),
+            exposure: self.exposure.unwrap_or(shown.exposure),
+            materials: self.materials.materials(),
+        }
     }
 }
 
@@ -111,13 +148,15 @@ pub struct DisplaySettings {
     pub tone: Tone,
     /// Exposure.
     pub exposure: Exposure,
+    /// Reflection of surfaces.
+    pub materials: Materials,
 }
 
 impl DisplaySettings {
     /// The scene's exposure where it says one, else an automatic one.
     pub fn of(loaded: &LoadedScene) -> Self {
         let exposure = if loaded.is_exposed { Exposure::Stops(loaded.exposure_stops) } else { Exposure::Automatic };
-        Self { tone: Curve::default().tone(), exposure }
+        Self { tone: Curve::default().tone(), exposure, materials: Materials::default() }
     }
 
     /// That of a picture.

@@ -8,7 +8,7 @@ use glam::{Vec2, Vec3, Vec4};
 use rayon::prelude::*;
 use scene::gpu::{LIGHT_DIRECTIONAL, Triangle, TriangleUv};
 use scene::kernel::normal;
-use scene::{Light, Material, NONE, Scene, SceneParts, Sky};
+use scene::{Finish, Light, Material, NONE, Scene, SceneParts, Sky};
 use sha2::{Digest, Sha256};
 
 use super::lights::QUANTITY_LIMIT;
@@ -58,6 +58,44 @@ pub struct MaterialDraft {
     pub mask_cutoff: f32,
     /// The whole material is a hole: its triangles are left out.
     pub hole: bool,
+    /// What pictures show of it beside diffuse light.
+    pub finish: FinishDraft,
+}
+
+/// The finish of a material as files have it.
+#[derive(Clone, Debug)]
+pub struct FinishDraft {
+    /// Normals, and the factor of their slope.
+    pub normal_picture: Option<Source>,
+    /// Multiplies the slope of the normals.
+    pub normal_scale: f32,
+    /// Roughness in green, metalness in blue.
+    pub surface_picture: Option<Source>,
+    /// Roughness of the lobe; without one there is none.
+    pub roughness: Option<f32>,
+    /// Share that is metal.
+    pub metallic: f32,
+}
+
+impl Default for FinishDraft {
+    /// Diffuse and even.
+    fn default() -> Self {
+        Self { normal_picture: None, normal_scale: 1.0, surface_picture: None, roughness: None, metallic: 0.0 }
+    }
+}
+
+impl FinishDraft {
+    fn build(&self, slots: &super::pictures::Slots) -> Finish {
+        Finish {
+            normal_texture: slots.normal,
+            normal_scale: if self.normal_scale.is_finite() { self.normal_scale } else { 1.0 },
+            surface_texture: slots.surface,
+            roughness: self.roughness.unwrap_or(1.0).clamp(0.0, 1.0),
+            metallic: self.metallic.clamp(0.0, 1.0),
+            has_lobe: u32::from(self.roughness.is_some()),
+            ..Finish::default()
+        }
+    }
 }
 
 impl MaterialDraft {
@@ -74,6 +112,7 @@ impl MaterialDraft {
             mask: None,
             mask_cutoff: 0.5,
             hole: false,
+            finish: FinishDraft::default(),
         }
     }
 
@@ -260,6 +299,8 @@ pub fn finish(mut mesh: Mesh, setting: Setting, options: &LoadOptions) -> Result
     warnings.append(&mut packed.warnings);
     let materials: Vec<Material> =
         mesh.materials.iter().zip(&packed.slots).map(|(m, s)| build_material(m, s)).collect();
+    let mut finishes: Vec<Finish> = mesh.materials.iter().zip(&packed.slots).map(|(m, s)| m.finish.build(s)).collect();
+    finishes.truncate(finishes.iter().rposition(|finish| *finish != Finish::default()).map_or(0, |last| last + 1));
     timings.push(("textures", seconds(start)));
 
     let mut lights = setting.lights;
@@ -277,6 +318,7 @@ pub fn finish(mut mesh: Mesh, setting: Setting, options: &LoadOptions) -> Result
         triangles,
         uvs,
         materials,
+        finishes,
         textures: packed.textures,
         texels: packed.texels,
         lights,
@@ -394,7 +436,8 @@ fn lightmap_uvs(mesh: &Mesh, setting: &Setting, warnings: &mut Vec<String>) -> L
 fn files_of(mesh: &Mesh, setting: &Setting) -> Vec<PathBuf> {
     let pictures = mesh.materials.iter().flat_map(|m| {
         let mask = m.mask.as_ref().map(|(source, _)| source);
-        [m.albedo_picture.as_ref(), m.radiance_picture.as_ref(), mask].into_iter().flatten()
+        let finish = [m.finish.normal_picture.as_ref(), m.finish.surface_picture.as_ref()];
+        [m.albedo_picture.as_ref(), m.radiance_picture.as_ref(), mask].into_iter().chain(finish).flatten()
     });
     let pictures = pictures.filter_map(|source| match source {
         Source::File(path) => Some(path),
@@ -588,6 +631,7 @@ fn hash(parts: &SceneParts, textures: &[[u8; 32]]) -> [u8; 32] {
         }
     }
     parts.materials.iter().for_each(|m| hash_material(&mut digest, m));
+    digest.update(bytemuck::cast_slice::<_, u8>(&parts.finishes));
     digest.update(bytemuck::cast_slice::<_, u8>(&parts.textures));
     textures.iter().for_each(|h| digest.update(h));
     digest.update(bytemuck::cast_slice::<_, u8>(&parts.lights));

@@ -15,7 +15,7 @@ use gltf::mesh::Mode;
 use gltf::{Accessor, Document, Gltf, Node, Primitive};
 use scene::Light;
 
-use super::draft::{FileTriangle, MaterialDraft, Mesh, check_count, packed_normal};
+use super::draft::{FileTriangle, FinishDraft, MaterialDraft, Mesh, check_count, packed_normal};
 use super::optics::{GLASS, Optics};
 use super::pictures::{MaskChannel, Source, guard};
 use super::scene_file::beside;
@@ -433,7 +433,11 @@ fn read_material(
     let [r, g, b, alpha] = pbr.base_color_factor();
     let base = pbr.base_color_texture();
     let emissive = material.emissive_texture();
-    let rule = base.as_ref().or(emissive.as_ref()).map_or_else(UvRule::default, |info| {
+    let surface = pbr.metallic_roughness_texture();
+    let normals = material.normal_texture();
+    let first = base.as_ref().or(emissive.as_ref()).or(surface.as_ref());
+    let alone = UvRule { set: normals.as_ref().map_or(0, gltf::material::NormalTexture::tex_coord), transform: None };
+    let rule = first.map_or(alone, |info| {
         let transform = info.texture_transform().map(|t| (t.offset(), t.rotation(), t.scale()));
         let set = info.texture_transform().and_then(|t| t.tex_coord()).unwrap_or_else(|| info.tex_coord());
         UvRule { set, transform }
@@ -457,6 +461,7 @@ fn read_material(
             draft.radiance_picture = Some(pictures.read(&info.texture().source())?);
         }
     }
+    draft.finish = read_finish(pictures, material, rule.set, &mut warn)?;
     let cutoff = match material.alpha_mode() {
         gltf::material::AlphaMode::Opaque => return Ok((draft, rule)),
         gltf::material::AlphaMode::Mask => material.alpha_cutoff().unwrap_or(0.5),
@@ -473,6 +478,40 @@ fn read_material(
         _ => draft.hole = alpha < cutoff,
     }
     Ok((draft, rule))
+}
+
+/// Normals, roughness and metalness of a material whose other textures use a set of coordinates. What is so smooth that
+/// it mirrors has no lobe.
+fn read_finish(
+    pictures: &mut Pictures,
+    material: &gltf::Material,
+    set: u32,
+    warn: &mut impl FnMut(&str),
+) -> Result<FinishDraft, ImportError> {
+    let pbr = material.pbr_metallic_roughness();
+    let mut finish = FinishDraft::default();
+    if let Some(normals) = material.normal_texture() {
+        if normals.tex_coord() == set {
+            finish.normal_picture = Some(pictures.read(&normals.texture().source())?);
+            finish.normal_scale = normals.scale();
+        } else {
+            warn("its normal texture uses other texture coordinates and is ignored");
+        }
+    }
+    if pbr.roughness_factor() < SMOOTH {
+        return Ok(finish);
+    }
+    finish.roughness = Some(pbr.roughness_factor());
+    finish.metallic = pbr.metallic_factor();
+    if let Some(surface) = pbr.metallic_roughness_texture() {
+        let of_transform = surface.texture_transform().and_then(|t| t.tex_coord());
+        if of_transform.unwrap_or_else(|| surface.tex_coord()) == set {
+            finish.surface_picture = Some(pictures.read(&surface.texture().source())?);
+        } else {
+            warn("its texture of roughness uses other texture coordinates and is ignored");
+        }
+    }
+    Ok(finish)
 }
 
 /// Encoded pictures of the file: each is read once, however many materials show it.

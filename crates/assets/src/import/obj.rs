@@ -92,12 +92,7 @@ pub fn load(path: &Path, bytes: &[u8], options: &LoadOptions) -> Result<Mesh, Im
     if has_unnamed {
         // Its triangles come before any usemtl, or their material is missing.
         let grey = MaterialDraft::new("(none)");
-        packed.slots.push(pictures::Slots {
-            albedo: scene::NONE,
-            radiance: scene::NONE,
-            radiance_scale: 1.0,
-            mask: scene::NONE,
-        });
+        packed.slots.push(pictures::Slots::NONE);
         materials.push(grey);
     }
     let timings = vec![("check", check_seconds), ("parse and textures", seconds(start))];

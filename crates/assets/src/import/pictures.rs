@@ -199,6 +199,8 @@ enum Use {
     Mask(MaskChannel),
     /// Radiance: divided by the greatest value when that is above 1.
     Radiance,
+    /// Numbers as they are stored.
+    Numbers,
 }
 
 /// The texel buffer of a scene and which texture each material uses.
@@ -229,6 +231,16 @@ pub struct Slots {
     pub radiance_scale: f32,
     /// Mask.
     pub mask: u32,
+    /// Normals.
+    pub normal: u32,
+    /// Roughness and metalness.
+    pub surface: u32,
+}
+
+impl Slots {
+    /// No textures.
+    pub const NONE: Self =
+        Self { albedo: NONE, radiance: NONE, radiance_scale: 1.0, mask: NONE, normal: NONE, surface: NONE };
 }
 
 /// A texture for one use.
@@ -273,7 +285,7 @@ pub fn pack(materials: &[MaterialDraft], budget: usize) -> Packed {
             Err(reason) => {
                 packed.warnings.push(format!(
                     "texture {}: cannot be used ({reason}); mid-grey is used where it is a colour, no holes where it \
-                     is a mask",
+                     is a mask, an even surface where it is a finish",
                     source.name()
                 ));
                 continue;
@@ -300,13 +312,15 @@ fn slots_of(
     found: &BTreeMap<(&Source, Use), (u32, bool, f32)>,
     warnings: &mut Vec<String>,
 ) -> Slots {
-    let mut slots = Slots { albedo: NONE, radiance: NONE, radiance_scale: 1.0, mask: NONE };
+    let mut slots = Slots::NONE;
     for (source, used, slot) in wanted(material) {
         let Some(&(texture, clamped, scale)) = found.get(&(source, used)) else { continue };
         match slot {
             Slot::Albedo => slots.albedo = texture,
             Slot::Mask => slots.mask = texture,
             Slot::Radiance => (slots.radiance, slots.radiance_scale) = (texture, scale),
+            Slot::Normal => slots.normal = texture,
+            Slot::Surface => slots.surface = texture,
         }
         if clamped && slot == Slot::Albedo {
             warnings.push(format!(
@@ -324,6 +338,8 @@ enum Slot {
     Albedo,
     Mask,
     Radiance,
+    Normal,
+    Surface,
 }
 
 fn wanted(material: &MaterialDraft) -> Vec<(&Source, Use, Slot)> {
@@ -340,6 +356,12 @@ fn wanted(material: &MaterialDraft) -> Vec<(&Source, Use, Slot)> {
     }
     if let Some(source) = &material.radiance_picture {
         wanted.push((source, Use::Radiance, Slot::Radiance));
+    }
+    if let Some(source) = &material.finish.normal_picture {
+        wanted.push((source, Use::Numbers, Slot::Normal));
+    }
+    if let Some(source) = &material.finish.surface_picture {
+        wanted.push((source, Use::Numbers, Slot::Surface));
     }
     wanted
 }
@@ -434,7 +456,8 @@ enum Mask {
 
 impl<'a> Rows<'a> {
     fn new(picture: &'a DynamicImage, used: Use) -> Self {
-        let linear = (0..256).map(|k| decode_srgb(k as f32 / 255.0)).collect();
+        let value = |k: i32| k as f32 / 255.0;
+        let linear = (0..256).map(|k| if used == Use::Numbers { value(k) } else { decode_srgb(value(k)) }).collect();
         let mut rows = Self { picture, used, linear, mask: Mask::Opaque, scale: 1.0, clamped: false };
         if let Use::Mask(channel) | Use::Albedo { mask: Some(channel), .. } = used {
             rows.mask = rows.find_mask(channel);
@@ -471,6 +494,8 @@ impl<'a> Rows<'a> {
         let row = self.at(y);
         let mut texels = match self.used {
             Use::Mask(_) => vec![Vec4::splat(0.5); row.width() as usize],
+            // No more than 8 bits of what is no colour.
+            Use::Numbers => colours(&DynamicImage::ImageRgba8(row.to_rgba8()), &self.linear),
             _ => colours(&row, &self.linear),
         };
         match self.used {
@@ -484,7 +509,7 @@ impl<'a> Rows<'a> {
                 }
             }
             Use::Radiance => texels.iter_mut().for_each(|t| *t /= self.scale),
-            Use::Mask(_) => {}
+            Use::Mask(_) | Use::Numbers => {}
         }
         match self.mask {
             Mask::Opaque => texels.iter_mut().for_each(|t| t.w = 1.0),

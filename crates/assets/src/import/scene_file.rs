@@ -73,6 +73,8 @@ struct MaterialTable {
     transmittance: Option<[f32; 3]>,
     index_of_refraction: Option<f32>,
     pane: Option<bool>,
+    roughness: Option<f32>,
+    metallic: Option<f32>,
 }
 
 #[derive(Deserialize)]
@@ -262,6 +264,14 @@ fn change_material(t: &MaterialTable, mesh: &mut Mesh) -> Result<(), Fault> {
         let reason = format!("{index} is no index of refraction; give a number from {} to {}", INDICES.0, INDICES.1);
         return Err(("index_of_refraction", reason));
     }
+    for (key, value) in [("roughness", t.roughness), ("metallic", t.metallic)] {
+        if let Some(value) = value.filter(|value| !(0.0..=1.0).contains(value)) {
+            return Err((key, format!("{value} is no share; give a number from 0 to 1")));
+        }
+    }
+    if t.metallic.is_some() && t.roughness.is_none() {
+        return Err(("metallic", "is that of a specular lobe; give the roughness of one".to_owned()));
+    }
     let named: Vec<usize> = (0..mesh.materials.len()).filter(|&k| mesh.materials[k].name == t.name).collect();
     if named.is_empty() {
         let known: Vec<&str> = mesh.materials.iter().map(|m| m.name.as_str()).collect();
@@ -280,6 +290,8 @@ fn change_material(t: &MaterialTable, mesh: &mut Mesh) -> Result<(), Fault> {
         m.optics.transmittance = transmittance.unwrap_or(m.optics.transmittance);
         m.optics.index_of_refraction = t.index_of_refraction.unwrap_or(m.optics.index_of_refraction);
         m.optics.is_pane = t.pane.unwrap_or(m.optics.is_pane);
+        m.finish.roughness = t.roughness.or(m.finish.roughness);
+        m.finish.metallic = t.metallic.unwrap_or(m.finish.metallic);
     }
     Ok(())
 }

@@ -116,3 +116,22 @@ pub fn paper() -> Source {
         shade(base, 0.94 + 0.08 * clouds(x, y, 150))
     })
 }
+
+/// Normals of courses of bricks that stand out of their joints, 8 × 4 of them, up is green.
+pub fn brick_normals() -> Source {
+    // Distance to the nearest edge of a brick, texels, as far as it is bevelled.
+    let height = |x: u32, y: u32| {
+        let course = y / 32;
+        let along = (x + 32 * (course % 2)) % 64;
+        let to_edge = (along.min(63 - along)).min((y % 32).min(31 - y % 32));
+        to_edge.min(6) as f32 + 1.5 * clouds(x, y, 211)
+    };
+    draw("brick-normals", |x, y| {
+        let next = |x: u32, y: u32| height(x % SIZE, y % SIZE);
+        let along_x = next(x + 1, y) - next(x + SIZE - 1, y);
+        let along_y = next(x, y + 1) - next(x, y + SIZE - 1);
+        // Rows run downwards.
+        let normal = glam::Vec3::new(-0.35 * along_x, 0.35 * along_y, 1.0).normalize();
+        normal.to_array().map(|c| (127.5 * c + 128.0).min(245.0))
+    })
+}

@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 use std::ops::RangeInclusive;
 
-use super::{atrium, bay, blinds, city, clutter, corridor, islands, kitchen, rooms, stripes, window};
+use super::{atrium, bay, blinds, city, clutter, corridor, gloss, islands, kitchen, rooms, stripes, window};
 
 /// A number that a built-in scene is built with.
 #[derive(Clone, Debug)]
@@ -43,7 +43,7 @@ pub struct BuiltIn {
 }
 
 /// All built-in scenes.
-pub const BUILT_IN: [BuiltIn; 15] = [
+pub const BUILT_IN: [BuiltIn; 16] = [
     BuiltIn { name: "cornell", about: "the Cornell Box by its published measurements", parameters: &[] },
     BuiltIn {
         name: "atrium",
@@ -94,6 +94,11 @@ pub const BUILT_IN: [BuiltIn; 15] = [
         name: "bay",
         about: "shining panes close behind arched and straight frames, blinds half down",
         parameters: bay::PARAMETERS,
+    },
+    BuiltIn {
+        name: "gloss",
+        about: "varnished boards, bricks by a normal map, balls of brushed metal and of plastic",
+        parameters: gloss::PARAMETERS,
     },
 ];
 

@@ -1,7 +1,7 @@
 //! Host forms of the weighted means of receivers, and what those of the virtual patches check of their tables.
 
 use ::patches::kernel::weights::{self, change_of, first_of, first_rotated, listed, rotation_of, weight_of};
-use ::patches::{EMPTY_CELL, GridShape, WeightParams};
+use ::patches::{DifferenceParams, EMPTY_CELL, GridShape, WeightParams};
 use ::scene::Rgb;
 
 use super::view::{ViewOf, gather_view, mark_rows};
@@ -31,6 +31,11 @@ pub(crate) fn blocks(p: &WeightParams) -> Result<usize, HostError> {
         Some(_) => Ok(p.count.div_ceil(p.block_rows) as usize),
         None => Err(HostError::TooShort { binding: "rows of a block", needed: 1, found: 0 }),
     }
+}
+
+/// Blocks of the rows of weights that pixels take from.
+pub(crate) fn difference_blocks(p: &DifferenceParams) -> Result<usize, HostError> {
+    blocks(&WeightParams { count: p.rows, block_rows: p.block_rows, ..WeightParams::default() })
 }
 
 /// Tables of packed rows of weights.

@@ -38,6 +38,7 @@ pub fn cut_at_feet(scene: &Scene, density: &Density, least: f32) -> Result<Optio
     }
     let mut parts = SceneParts {
         materials: scene.geometry.materials.to_vec(),
+        finishes: scene.geometry.finishes.clone(),
         textures: scene.geometry.textures.clone(),
         texels: scene.geometry.texels.clone(),
         ray_offset: Some(scene.geometry.ray_offset),

@@ -5,6 +5,9 @@
 //! bits says how the receiver's irradiance is rotated.
 
 use glam::Vec4;
+use scene::SurfacePoint;
+use scene::kernel::lobe::Slope;
+use scene::sampling::frame;
 use transport::kernel::view::mark;
 
 use crate::types::WeightParams;
@@ -142,6 +145,41 @@ pub fn value_of(p: &WeightParams, receiver: u32, values: &[Vec4]) -> Vec4 {
         return values[first];
     }
     (values[first] + values[first + 1]) + (values[first + 2] + values[first + 3])
+}
+
+/// Adds to `sum` how much more light comes from each side in row `k`, times `share`: `Σ_j w_j Σ_q H_jq t_q`, a vector for
+/// each channel. Shapes: as in [`weighted_row`], `points` the receivers. Needs `k < rows`.
+#[inline]
+#[allow(clippy::too_many_arguments)]
+pub fn add_difference(
+    k: u32,
+    block_rows: u32,
+    row_start: &[u32],
+    list_start: &[u32],
+    lists: &[u32],
+    entries: &[u32],
+    points: &[SurfacePoint],
+    values: &[Vec4],
+    share: f32,
+    sum: Slope,
+) -> Slope {
+    let mut sum = sum;
+    let start = row_start[k as usize];
+    let end = first_of(row_start[k as usize + 1]);
+    let rotated = first_rotated(start, end);
+    let list = list_start[(k / block_rows) as usize];
+    let count = rotated - first_of(start) + (end - rotated) / 2;
+    for number in 0..count {
+        let straight = first_of(start) + number;
+        let unit = if straight < rotated { straight } else { rotated + 2 * (straight - rotated) };
+        let entry = half_word(entries, unit);
+        let receiver = lists[(list + listed(entry)) as usize];
+        let weight = share * weight_of(entry);
+        let (right, up) = frame(points[receiver as usize].normal);
+        sum = sum.with(change_of(receiver, weight, 0.0, values).truncate(), right);
+        sum = sum.with(change_of(receiver, 0.0, weight, values).truncate(), up);
+    }
+    sum
 }
 
 /// Change of a receiver's irradiance by a rotation, `Σ_q H_q t_q·Δn`.

@@ -7,6 +7,7 @@
 pub mod bands;
 pub mod direct;
 pub mod display;
+pub mod finish;
 pub mod gather;
 pub mod shade;
 pub mod sky;

@@ -194,6 +194,7 @@ impl Pixels {
             has_separate_direct: false,
             follows: scene.specular_material().is_some(),
             smooth_sky: None,
+            finish: None,
         };
         let indirect = Indirect::Patches { lookup, values: shown };
         let shade = shade::add_pixels(plan, scene_tables, &indirect, &pixels)?;

@@ -2,9 +2,11 @@
 
 use std::sync::Arc;
 
-use gpu_kernels::patches::{LookupPass, MarkReceiversPass, WeighPass, WeighViewPass};
-use patches::{Lookup, LookupParams, LookupPatch, PackedWeights, WeightParams};
-use scene::{Rgb, SurfacePoint};
+use gpu_kernels::patches::{LookupPass, MarkReceiversPass, TurnPass, WeighPass, WeighViewPass};
+use patches::{DifferenceParams, Lookup, LookupParams, LookupPatch, PackedWeights, WeightParams};
+use scene::gpu::Triangle;
+use scene::{Hit, Lobe, Rgb, SurfacePoint};
+use transport::{ReceiverCell, TriangleGrid};
 
 use super::Tables;
 use super::formfactor::ViewRows;
@@ -60,6 +62,31 @@ pub struct WeightTables {
     params: WeightParams,
 }
 
+/// Bindings of [`WeightTables::turn`].
+#[derive(Clone, Copy, Debug)]
+pub struct DirectedLight {
+    /// Primary hits.
+    pub hits: Slice<Hit>,
+    /// The hits as points to be lit, with the normals of maps.
+    pub points: Slice<SurfacePoint>,
+    /// Their lobes.
+    pub lobes: Slice<Lobe>,
+    /// Triangles of the scene.
+    pub triangles: Slice<Triangle>,
+    /// Cells of each triangle.
+    pub grids: Slice<TriangleGrid>,
+    /// Cells.
+    pub receiver_cells: Slice<ReceiverCell>,
+    /// Interpolation points of the cells.
+    pub vertices: Slice<u32>,
+    /// The receivers.
+    pub receivers: Slice<SurfacePoint>,
+    /// Irradiance of their quadrants, W/m².
+    pub received: Slice<Rgb>,
+    /// Irradiance of the pixels, W/m².
+    pub irradiance: Slice<Rgb>,
+}
+
 /// A pass over the rows that a view needs.
 #[derive(Clone, Copy, Debug)]
 pub struct WeightPass {
@@ -107,6 +134,40 @@ impl WeightTables {
     ) -> Result<PassId, ExecutorError> {
         let Self { row_start, list_start, lists, entries, params } = *self;
         Ok(plan.add(pass, &WeighPass { row_start, list_start, lists, entries, received, irradiance }, &params)?)
+    }
+
+    /// Adds the pass that turns the irradiance of pixels to the normals of maps.
+    ///
+    /// # Errors
+    /// Buffers that are too short.
+    pub fn turn(
+        &self,
+        plan: &mut Plan,
+        pass: &str,
+        pixels: &DirectedLight,
+        count: u32,
+    ) -> Result<PassId, ExecutorError> {
+        let Self { row_start, list_start, lists, entries, params } = *self;
+        let DirectedLight { hits, points, lobes, triangles, grids, receiver_cells, vertices, .. } = *pixels;
+        let DirectedLight { receivers, received, irradiance, .. } = *pixels;
+        let bound = TurnPass {
+            hits,
+            points,
+            lobes,
+            triangles,
+            grids,
+            receiver_cells,
+            vertices,
+            row_start,
+            list_start,
+            lists,
+            entries,
+            receivers,
+            received,
+            irradiance,
+        };
+        let push = DifferenceParams { count, rows: params.count, block_rows: params.block_rows, reserved: 0 };
+        Ok(plan.add(pass, &bound, &push)?)
     }
 
     /// Adds the pass of those that a view needs.

@@ -90,8 +90,10 @@ impl PassMedium {
 pub struct LargeLight {
     /// Primary hits.
     pub hits: Slice<Hit>,
-    /// Albedo there.
+    /// Albedo there, by which samples are weighed.
     pub albedo: Slice<Rgb>,
+    /// The part of it that reflects diffusely.
+    pub matte: Slice<Rgb>,
     /// The hits as points to be lit.
     pub points: Slice<SurfacePoint>,
     /// Sum of the radiance were nothing in the way, W/m²/sr.
@@ -247,8 +249,9 @@ impl SceneTables {
         params: &LargeParams,
     ) -> Result<[PassId; 2], ExecutorError> {
         let Self { geometry, lights, groups, medium, .. } = *self;
-        let LargeLight { hits, albedo, points, open, seen, sampled } = *pixels;
-        let open = plan.add(pass, &OpenLightPass { hits, albedo, points, geometry, lights, groups, open }, params)?;
+        let LargeLight { hits, albedo, matte, points, open, seen, sampled } = *pixels;
+        let open = OpenLightPass { hits, albedo: matte, points, geometry, lights, groups, open };
+        let open = plan.add(pass, &open, params)?;
         let seen = if medium.is_air() {
             plan.add(pass, &SeenLightPass { hits, albedo, points, geometry, lights, seen, sampled }, params)?
         } else {

@@ -270,6 +270,13 @@ impl SceneBuilder {
         MaterialId(number as u32)
     }
 
+    /// Sets what pictures show of a material beside diffuse light, where they show it.
+    pub fn set_finish(&mut self, material: MaterialId, finish: Finish) {
+        let finishes = &mut self.parts.finishes;
+        finishes.resize(finishes.len().max(material.index() + 1), Finish::default());
+        finishes[material.index()] = finish;
+    }
+
     /// Adds a picture of sRGB bytes: red, green, blue and alpha of each texel, row by row from the top. Surfaces
     /// reflect at most 0.95 of a channel; brighter texels are lowered to that.
     pub fn add_texture(&mut self, (width, height): (u32, u32), rgba: &[u8]) -> TextureId {

@@ -44,6 +44,7 @@ impl Scene {
             triangles: geometry.triangles.clone(),
             uvs: geometry.uvs.clone(),
             materials: geometry.materials.to_vec(),
+            finishes: geometry.finishes.clone(),
             textures: geometry.textures.clone(),
             texels: geometry.texels.clone(),
             ray_offset: Some(geometry.ray_offset),

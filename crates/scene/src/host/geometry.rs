@@ -35,6 +35,9 @@ pub struct Geometry {
     /// emission of the lighting.
     #[cfg_attr(feature = "serde", serde(with = "crate::pod::table"))]
     pub materials: Arc<[Material]>,
+    /// What pictures show of the first of them beside that.
+    #[cfg_attr(feature = "serde", serde(with = "crate::pod::table"))]
+    pub finishes: Vec<Finish>,
     /// Pictures.
     #[cfg_attr(feature = "serde", serde(with = "crate::pod::table"))]
     pub textures: Vec<Texture>,
@@ -105,7 +108,7 @@ impl Geometry {
     /// # Errors
     /// [`Error::HierarchyDepth`].
     pub(super) fn of_leaves(parts: SceneParts, nodes: Vec<BvhNode>) -> Result<Self, Error> {
-        let SceneParts { triangles, uvs, materials, textures, texels, absorption, .. } = parts;
+        let SceneParts { triangles, uvs, materials, finishes, textures, texels, absorption, .. } = parts;
         let depth = hierarchy::depth(&nodes);
         let too_deep = Error::HierarchyDepth { depth, limit: STACK_SIZE };
         if depth > STACK_SIZE {
@@ -119,6 +122,7 @@ impl Geometry {
             triangles,
             uvs,
             materials: materials.into(),
+            finishes,
             textures,
             texels,
             nodes,

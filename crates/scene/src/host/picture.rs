@@ -55,6 +55,19 @@ impl Tone {
     }
 }
 
+/// Reflection of surfaces in pictures.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub enum Materials {
+    /// Diffuse, but for mirrors and glass: what light between surfaces is computed with, and what pictures are compared
+    /// with.
+    #[default]
+    Diffuse = 0,
+    /// As glTF 2.0 has it: what is seen straight, and by way of mirrors, has normal maps and rough specular lobes
+    /// ([`crate::gpu::Finish`]). Light between surfaces stays as it is.
+    Gltf = 1,
+}
+
 /// Way from radiance to the colours of a display.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]

@@ -31,6 +31,8 @@ pub struct SceneParts {
     pub uvs: Vec<TriangleUv>,
     /// Materials.
     pub materials: Vec<Material>,
+    /// What pictures show of the first of them beside that; those of the rest are diffuse and even.
+    pub finishes: Vec<Finish>,
     /// Pictures.
     pub textures: Vec<Texture>,
     /// Texels of all pictures, two words each.
@@ -341,6 +343,29 @@ pub(super) fn check(parts: &SceneParts) -> Result<(), Error> {
         if m.is_specular() {
             check_reflectance(m, &parts.textures, &parts.texels)
                 .map_err(|found| Error::Reflectance { material, found })?;
+        }
+    }
+    check_finishes(parts)
+}
+
+/// Refuses finishes that no material has, and those with textures or numbers that are not there.
+fn check_finishes(parts: &SceneParts) -> Result<(), Error> {
+    let (count, textures) = (parts.materials.len(), parts.textures.len());
+    if parts.finishes.len() > count {
+        return Err(Error::FinishLength { expected: count, found: parts.finishes.len() });
+    }
+    for (material, finish) in parts.finishes.iter().enumerate() {
+        for texture in [finish.normal_texture, finish.surface_texture] {
+            if texture != NONE && texture as usize >= textures {
+                return Err(Error::TextureIndex { material, texture, count: textures });
+            }
+        }
+        let shares = [("roughness", finish.roughness), ("metallic", finish.metallic)];
+        if let Some(&(name, value)) = shares.iter().find(|(_, share)| !(0.0..=1.0).contains(share)) {
+            return Err(Error::Finish { material, name, value });
+        }
+        if !finish.normal_scale.is_finite() {
+            return Err(Error::Finish { material, name: "normal scale", value: finish.normal_scale });
         }
     }
     Ok(())

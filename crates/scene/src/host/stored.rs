@@ -26,6 +26,8 @@ pub(super) struct Tables {
     #[serde(with = "crate::pod::table")]
     materials: Arc<[Material]>,
     #[serde(with = "crate::pod::table")]
+    finishes: Vec<Finish>,
+    #[serde(with = "crate::pod::table")]
     textures: Vec<Texture>,
     #[serde(with = "crate::pod::table")]
     texels: Vec<u32>,
@@ -40,9 +42,10 @@ impl TryFrom<Tables> for Geometry {
     type Error = Error;
 
     fn try_from(tables: Tables) -> Result<Self, Error> {
-        let Tables { triangles, uvs, materials, textures, texels, nodes, ray_offset, absorption } = tables;
+        let Tables { triangles, uvs, materials, finishes, textures, texels, nodes, ray_offset, absorption } = tables;
         let materials = materials.to_vec();
-        let parts = SceneParts { triangles, uvs, materials, textures, texels, absorption, ..SceneParts::default() };
+        let parts =
+            SceneParts { triangles, uvs, materials, finishes, textures, texels, absorption, ..SceneParts::default() };
         // Beyond these no size can be counted.
         let is_countable = |t: &Texture| t.width.max(t.height) <= MAX_TEXELS && t.levels <= MAX_LEVELS;
         if !parts.textures.iter().all(is_countable) {
@@ -82,6 +85,7 @@ mod tests {
             triangles: g.triangles.clone(),
             uvs: g.uvs.clone(),
             materials: g.materials.clone(),
+            finishes: Vec::new(),
             textures: Vec::new(),
             texels: Vec::new(),
             nodes: g.nodes.clone(),

@@ -1,7 +1,7 @@
 //! Rays against the binary hierarchy. The order is that of obvhs: leaf children are intersected as soon as their box is
 //! hit, the farther inner child waits on a stack.
 
-use glam::{Vec2, Vec3};
+use glam::{Vec2, Vec3, Vec4};
 
 use super::texture;
 use crate::gpu::{BvhNode, Hit, Material, NONE, Texture, Triangle, TriangleUv};
@@ -103,7 +103,14 @@ impl GeometryTables<'_> {
         if material.albedo_texture == NONE {
             return material.albedo;
         }
-        let texture = self.textures[material.albedo_texture as usize];
+        self.texture_over(material.albedo_texture, triangle, u, v, area).truncate()
+    }
+
+    /// A texture about the shares (u, v), averaged over about `area` m² of the triangle, as [`Self::albedo_over`] has it.
+    #[inline]
+    pub fn texture_over(&self, texture: u32, triangle: u32, u: f32, v: f32, area: f32) -> Vec4 {
+        let t = self.triangles[triangle as usize];
+        let texture = self.textures[texture as usize];
         let uv = self.uvs[triangle as usize];
         let share = abs((uv.corner_a - uv.corner).perp_dot(uv.corner_b - uv.corner));
         // Texels that the area covers; a level up, a texel is four times as large.
@@ -113,9 +120,10 @@ impl GeometryTables<'_> {
             covered *= 0.25;
             level += 1;
         }
-        let fine = self.albedo_at_level(triangle, u, v, level);
+        let at = self.texture_coordinate(triangle, u, v);
+        let fine = texture::sample(texture, self.texels, at, level);
         if covered > 1.0 && level + 1 < texture.levels {
-            let coarse = self.albedo_at_level(triangle, u, v, level + 1);
+            let coarse = texture::sample(texture, self.texels, at, level + 1);
             fine + (coarse - fine) * (sqrt(covered) - 1.0)
         } else {
             fine

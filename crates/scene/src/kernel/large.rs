@@ -163,7 +163,7 @@ fn emitter_weight(g: &GeometryTables, e: &Emitter, origin: Vec3, normal: Vec3) -
 
 /// Point `k` of Sobol's sequence in the unit square, scrambled by what it is for.
 #[inline]
-fn fixed_point(k: u32, slot: u32) -> (f32, f32) {
+pub(super) fn fixed_point(k: u32, slot: u32) -> (f32, f32) {
     let (x, y) = sobol2_fast(k);
     (unit(x ^ hash3(slot, 0x6c61_7267, 0)), unit(y ^ hash3(slot, 0x6c61_7267, 1)))
 }
@@ -171,7 +171,7 @@ fn fixed_point(k: u32, slot: u32) -> (f32, f32) {
 /// Number of a pixel's first sample of a sub-frame: the samples of a pixel in all sub-frames follow each other, and so
 /// do those of the pixels of a tile, so that either are a net.
 #[inline]
-fn first_sample(p: &LargeParams, index: u32) -> u32 {
+pub(super) fn first_sample(p: &LargeParams, index: u32) -> u32 {
     let x = index % p.camera.width;
     let y = index / p.camera.width;
     let mixed = x ^ y;

@@ -55,6 +55,12 @@ pub fn pixel_albedo(g: &GeometryTables, camera: &Camera, direction: Vec3, hit: H
     g.albedo_over(hit.triangle, hit.u, hit.v, area).extend(0.0)
 }
 
+/// [`footprint`] of what a primary ray met; 0 for the sky.
+#[inline]
+pub fn seen_area(g: &GeometryTables, camera: &Camera, direction: Vec3, hit: Hit) -> f32 {
+    if hit.triangle == NONE { 0.0 } else { footprint(g, camera, direction, hit) }
+}
+
 /// Area of the triangle that was hit in unit `direction` which a sub-frame of a pixel shows, m²: all of the pixel where
 /// the positions of sub-frames are random. Grows without limit towards grazing rays.
 #[inline]

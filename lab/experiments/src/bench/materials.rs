@@ -160,6 +160,7 @@ fn with_materials(
         distributions: scene.lighting.distributions.to_vec(),
         ray_offset: Some(scene.geometry.ray_offset),
         absorption: scene.geometry.absorption,
+        ..SceneParts::default()
     };
     change(&mut parts);
     Ok(Scene::new(parts).map_err(reference::Error::from)?)

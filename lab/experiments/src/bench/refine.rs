@@ -36,7 +36,7 @@ const FIRST_LOOK: u32 = 1;
 /// A contender has come to rest when its error changed by no more than this share between two looks, the second after
 /// twice as many frames; then at least so many were made.
 const RESTS: f64 = 0.02;
-const MIN_FRAMES: u32 = 16;
+const MIN_FRAMES: u32 = 8;
 
 /// Error at a time.
 #[derive(Clone, Copy, Debug, Serialize)]
@@ -235,7 +235,9 @@ fn paths(view: &View, until: f64, judge: &Judge) -> Result<Vec<Row>, Error> {
         seconds += start.elapsed().as_secs_f64();
         rows.push(judge.row(seconds, &sums.indirect())?);
         if rows.len() > 1 {
-            passes *= 2;
+            // As many as there were, and no more than fit into the rest of the time.
+            let fit = (until - seconds) * f64::from(sums.samples()) / seconds.max(f64::MIN_POSITIVE);
+            passes = (2 * passes).min(fit.ceil().max(1.0) as u32);
         }
     }
     Ok(rows)
@@ -255,7 +257,7 @@ fn frames(view: &View, contender: &mut dyn Contender, until: f64, judge: &Judge)
         if number + 1 == next || is_late {
             next *= 2;
             let row = judge.row(seconds, &contender.pictures(None)?.indirect)?;
-            let rests = number >= MIN_FRAMES && rows.last().is_some_and(|before| row.is_near(before));
+            let rests = number + 1 >= MIN_FRAMES && rows.last().is_some_and(|before| row.is_near(before));
             rows.push(row);
             if rests || is_late {
                 break;

@@ -14,6 +14,7 @@ use scene::{Camera, Hit, Rgb, SurfacePoint};
 use transport::{ReceiverCell, TriangleGrid};
 
 use super::bands::{Band, bands};
+use super::finish::{FinishLight, FinishTables};
 use super::sky::SkyLight;
 use super::smooth::{SmoothLight, SmoothPasses};
 use crate::bake::ReceiverKind;
@@ -54,6 +55,8 @@ pub struct PixelSettings {
     /// Irradiance of the interpolation points from the sky, for direct light without noise, which needs a sum of its
     /// own; without it light is sampled.
     pub smooth_sky: Option<Slice<Rgb>>,
+    /// Finish of surfaces, which takes light without noise.
+    pub finish: Option<FinishTables>,
 }
 
 /// The passes of pictures.
@@ -70,6 +73,7 @@ pub struct Shade {
     medium: PassMedium,
     bands: Vec<Band>,
     smooth: Option<SmoothLight>,
+    finish: Option<FinishLight>,
     sub_frames: Vec<SubFrame>,
     /// The passes that follow.
     last: Vec<PassId>,
@@ -82,6 +86,7 @@ pub struct Shade {
 struct SubFrame {
     primary: Vec<PassId>,
     albedo: Vec<PassId>,
+    finish: Vec<[PassId; 2]>,
     bands: Vec<BandPasses>,
     passes: Vec<PassId>,
 }
@@ -104,6 +109,8 @@ pub struct PixelBuffers {
     pub points: Slice<SurfacePoint>,
     /// Albedo there.
     pub albedo: Slice<Rgb>,
+    /// The part of it that reflects diffusely: all, but where surfaces have a finish.
+    pub matte: Slice<Rgb>,
     /// Direct irradiance there, W/m².
     pub direct: Slice<Rgb>,
     /// Indirect irradiance there, W/m².
@@ -123,6 +130,7 @@ pub fn add(
     size: (u32, u32),
     sub_frames: u32,
     sky: Option<&SkyLight>,
+    finish: Option<FinishTables>,
 ) -> Result<Shade, ExecutorError> {
     let smooth_sky = sky.map(|sky| sky.interpolated);
     let direct = DirectParams { area_rays: PIXEL_RAYS, sky_rays: PIXEL_RAYS, ..frame.bake.direct };
@@ -134,6 +142,7 @@ pub fn add(
         has_separate_direct: true,
         follows: frame.bake.scene.specular_material().is_some() || frame.bake.scene.has_medium(),
         smooth_sky,
+        finish,
     };
     add_pixels(&mut frame.plan, scene, indirect, &settings)
 }
@@ -151,10 +160,15 @@ pub fn add_pixels(
     let count = settings.size.0 * settings.size.1;
     let first = plan.passes().len();
     let count = count as usize;
+    let albedo = plan.array("pixel albedo", count);
+    let smooth_sky = settings.smooth_sky.filter(|_| settings.has_separate_direct);
+    let finish = settings.finish.filter(|_| smooth_sky.is_some());
+    let finish = finish.map(|tables| FinishLight::new(plan, tables, count));
     let pixels = PixelBuffers {
         hits: plan.array("hits", count),
         points: plan.array("pixel points", count),
-        albedo: plan.array("pixel albedo", count),
+        albedo,
+        matte: finish.as_ref().map_or(albedo, |finish| finish.matte),
         direct: plan.array("pixel direct", count),
         indirect: plan.array("pixel indirect", count),
         chains: settings.follows.then(|| plan.array("chains", count)),
@@ -166,7 +180,6 @@ pub fn add_pixels(
     let full = plan.array("full", count);
     let direct = plan.array("direct sum", direct_count);
     let sub_frames = settings.sub_frames.max(1);
-    let smooth_sky = settings.smooth_sky.filter(|_| settings.has_separate_direct);
     let smooth = smooth_sky.map(|sky| SmoothLight::new(plan, sky, sub_frames, settings, scene.medium()));
     let mut shade = Shade {
         full,
@@ -177,6 +190,7 @@ pub fn add_pixels(
         medium: scene.medium(),
         bands,
         smooth,
+        finish,
         sub_frames: Vec::new(),
         last: Vec::new(),
         passes: Vec::new(),
@@ -191,6 +205,11 @@ pub fn add_pixels(
         }
         for &band in &shade.bands {
             shade.last.push(smooth.add_sum(plan, &shade.pixels, band, (full, direct))?);
+        }
+        if let Some(finish) = &shade.finish {
+            for &band in &shade.bands {
+                shade.last.push(finish.add_rays(plan, &shade.pixels, (full, direct), (band, settings.size))?);
+            }
         }
     }
     shade.passes = plan.all_passes().split_off(first);
@@ -314,10 +333,16 @@ fn add_sub_frame(
             }
         }
     }
+    let mut finish = Vec::new();
+    if let Some(light) = &shade.finish {
+        for &band in &shade.bands {
+            finish.push(light.add_surface(plan, scene, buffers, band)?);
+        }
+    }
     let bands =
         shade.bands.iter().map(|&band| add_band(plan, scene, shade, indirect, band)).collect::<Result<_, _>>()?;
     let passes = plan.all_passes().split_off(first);
-    Ok(SubFrame { primary, albedo, bands, passes })
+    Ok(SubFrame { primary, albedo, finish, bands, passes })
 }
 
 /// Adds what follows the primary rays of a band.
@@ -329,7 +354,9 @@ fn add_band(
     band: Band,
 ) -> Result<BandPasses, ExecutorError> {
     let buffers = &shade.pixels;
-    let smooth = shade.smooth.as_ref().map(|smooth| smooth.add(plan, scene, buffers, indirect, band)).transpose()?;
+    let of_pixels = (buffers, indirect);
+    let finish = shade.finish.as_ref();
+    let smooth = shade.smooth.as_ref().map(|smooth| smooth.add(plan, scene, of_pixels, finish, band)).transpose()?;
     let light = match &smooth {
         Some(passes) => passes.sharp,
         None => {
@@ -338,6 +365,9 @@ fn add_band(
         }
     };
     indirect.add_to(plan, scene, buffers, buffers.indirect, band)?;
+    if let Some(finish) = finish {
+        finish.add_indirect(plan, scene, of_pixels, (shade.full, shade.direct), band)?;
+    }
     let shade_full = add_shading(plan, scene, buffers, band, band.of(buffers.indirect), shade.full)?;
     let mut shade_direct = None;
     if shade.settings.has_separate_direct {
@@ -357,7 +387,7 @@ fn add_shading(
     sum: Slice<Rgb>,
 ) -> Result<PassId, ExecutorError> {
     let SceneTables { geometry, lights, .. } = *scene;
-    let albedo = band.of(buffers.albedo);
+    let albedo = band.of(buffers.matte);
     let direct = band.of(buffers.direct);
     let sum = band.of(sum);
     Ok(match buffers.chains {
@@ -438,7 +468,8 @@ impl Shade {
 
     /// The passes that find what the first sub-frame sees.
     pub fn seeing_passes(&self) -> impl Iterator<Item = PassId> {
-        self.sub_frames.first().into_iter().flat_map(|first| first.primary.iter().chain(&first.albedo)).copied()
+        let first = self.sub_frames.first().into_iter();
+        first.flat_map(|first| first.primary.iter().chain(&first.albedo).chain(first.finish.as_flattened())).copied()
     }
 
     /// Returns true if one picture leaves its primary hits to the next from the same camera: one sub-frame, whose
@@ -464,6 +495,9 @@ impl Shade {
         if let Some(smooth) = &self.smooth {
             smooth.clear(executor)?;
         }
+        if let Some(finish) = &self.finish {
+            finish.clear(executor)?;
+        }
         let light_count = shot.light_count;
         let direct = self.settings.direct;
         let sky_rays = if shot.has_sky { direct.sky_rays } else { 0 };
@@ -477,9 +511,12 @@ impl Shade {
                 let &Band { first, count } = band;
                 self.medium.push_direct(executor, passes.light, &DirectParams { first, count, ..light })?;
                 if let (Some(smooth), Some(large)) = (&self.smooth, &passes.smooth) {
-                    smooth.set(executor, large, *band, &camera, shot, number)?;
+                    smooth.set(executor, large, &DirectParams { first, count, ..light }, &camera, shot, number)?;
                 }
                 let pixels = PixelParams { first, count, ..pixels };
+                if let Some(&[finish, _]) = sub.finish.get(k) {
+                    executor.push(finish, &pixels)?;
+                }
                 if self.pixels.chains.is_some() {
                     let ray_offset = direct.ray_offset;
                     let absorption = self.medium.absorption;

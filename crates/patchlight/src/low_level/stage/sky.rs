@@ -21,6 +21,8 @@ pub const PASS: &str = "sky";
 pub struct SkyLight {
     /// Exitance of each bin of the sky.
     bins: Slice<Rgb>,
+    /// Irradiance of the quadrants of the receivers, and then smoothed; none where no receiver sees the sky.
+    pub received: Option<Slice<Rgb>>,
     /// Irradiance of the interpolation points.
     pub interpolated: Slice<Rgb>,
     /// From the bins to the interpolation points; none where no receiver sees the sky.
@@ -42,7 +44,7 @@ pub fn add(frame: &mut FramePlan, tables: &ReceiverTables) -> Result<SkyLight, E
     let interpolated = plan.array("sky interpolated", receivers.interpolation.points.len());
     if receivers.sky_rows.quads().is_empty() {
         // No receiver sees it.
-        return Ok(SkyLight { bins, interpolated, passes: Vec::new() });
+        return Ok(SkyLight { bins, received: None, interpolated, passes: Vec::new() });
     }
     let received = plan.array("received from the sky", first_smooth + count);
     let rows = HitTables::new(plan, &mut frame.tables, &receivers.sky_rows);
@@ -51,7 +53,7 @@ pub fn add(frame: &mut FramePlan, tables: &ReceiverTables) -> Result<SkyLight, E
     let smooth = received.part(first_smooth, count);
     tables.smoothing.weigh(plan, PASS, quadrants, smooth)?;
     tables.weights.weigh(plan, PASS, received, interpolated)?;
-    Ok(SkyLight { bins, interpolated, passes: plan.all_passes().split_off(first) })
+    Ok(SkyLight { bins, received: Some(received), interpolated, passes: plan.all_passes().split_off(first) })
 }
 
 impl SkyLight {

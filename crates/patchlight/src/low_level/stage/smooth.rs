@@ -10,6 +10,7 @@ use scene::gpu::{DirectParams, LargeParams, ShareParams};
 use scene::{Camera, Rgb};
 
 use super::bands::Band;
+use super::finish::{FinishLight, FinishPasses};
 use super::shade::{Indirect, PixelBuffers, PixelSettings, Shot};
 
 /// Most by which shares of light differ that are averaged where it is not steady, times the number of samples of a pixel
@@ -46,6 +47,8 @@ pub struct SmoothPasses {
     /// Parallel, point and spot lights.
     pub sharp: PassId,
     large: [PassId; 2],
+    /// Those of the lobes of surfaces.
+    finish: Option<FinishPasses>,
 }
 
 impl SmoothLight {
@@ -80,18 +83,22 @@ impl SmoothLight {
         &self,
         plan: &mut Plan,
         scene: &SceneTables,
-        buffers: &PixelBuffers,
-        indirect: &Indirect,
+        (buffers, indirect): (&PixelBuffers, &Indirect),
+        finish: Option<&FinishLight>,
         band: Band,
     ) -> Result<SmoothPasses, ExecutorError> {
         let points = band.of(buffers.points);
         indirect.with_values(self.sky).add_to(plan, scene, buffers, self.from_sky, band)?;
+        let add_finish =
+            |light: &FinishLight| light.add_direct(plan, scene, (buffers, indirect), (self.from_sky, self.open), band);
+        let finish = finish.map(add_finish).transpose()?;
         let direct = DirectParams { count: band.count, first: band.first, ..self.direct };
         let from_sky = band.of(self.from_sky);
         let sharp = scene.sharp_light(plan, "shade", points, from_sky, band.of(buffers.direct), &direct)?;
         let pixels = LargeLight {
             hits: band.of(buffers.hits),
             albedo: band.of(buffers.albedo),
+            matte: band.of(buffers.matte),
             points,
             open: band.of(self.open),
             seen: band.of(self.seen),
@@ -99,7 +106,7 @@ impl SmoothLight {
         };
         let params = LargeParams { count: band.count, first: band.first, ..LargeParams::default() };
         let large = scene.large_light(plan, "shade", &pixels, &params)?;
-        Ok(SmoothPasses { sharp, large })
+        Ok(SmoothPasses { sharp, large, finish })
     }
 
     /// Adds the pass behind all sub-frames that marks where in a band light is steady.
@@ -177,7 +184,7 @@ impl SmoothLight {
         &self,
         executor: &mut (dyn Executor + 'static),
         passes: &SmoothPasses,
-        band: Band,
+        light: &DirectParams,
         camera: &Camera,
         shot: &Shot,
         sub_frame: u32,
@@ -185,7 +192,7 @@ impl SmoothLight {
         let DirectParams { area_rays: rays, ray_offset, .. } = self.direct;
         let push = LargeParams {
             camera: *camera,
-            count: band.count,
+            count: light.count,
             sub_frame,
             light_count: shot.light_count,
             emitter_count: shot.emitter_count,
@@ -194,9 +201,12 @@ impl SmoothLight {
             stride: (rays * self.sub_frames).next_power_of_two(),
             ray_offset,
             group_count: shot.group_count,
-            first: band.first,
+            first: light.first,
             reserved: [0; 2],
         };
+        if let Some(finish) = &passes.finish {
+            finish.set(executor, self.medium, light, &push)?;
+        }
         self.medium.push_large(executor, passes.large, &push)
     }
 }
