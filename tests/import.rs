@@ -319,6 +319,12 @@ fn mirrors_and_glass_are_read_written_and_checked() {
     let out = TempDir::new().expect("a temporary folder");
     let again = load(&write_scene(&scene, out.path()).unwrap()).unwrap();
     assert_eq!(again.scene.materials[0], material);
+    let worn = of(&with("name = \"m\"\nroughness = 0.5\nmetallic = 0.25", "newmtl m\nKd 0.2 0.2 0.2\n")).unwrap();
+    let finish = worn.scene.geometry.finishes[0];
+    assert_eq!((finish.has_lobe, finish.roughness, finish.metallic), (1, 0.5, 0.25));
+    let again = load(&write_scene(&worn, out.path()).unwrap()).unwrap();
+    assert_eq!(again.scene.geometry.finishes, [finish]);
+    assert!(scene.scene.geometry.finishes.is_empty());
     let black = of(&with(&format!("{glass}\nalbedo = [0, 0, 0]"), mtl)).unwrap();
     assert_eq!(black.scene.materials[0].albedo, Vec3::ZERO);
     assert_ne!(black.content_hash, scene.content_hash);
@@ -327,6 +333,9 @@ fn mirrors_and_glass_are_read_written_and_checked() {
         ("name = \"m\"\nmirror = [1.1, 0, 0]", "0 to 1"),
         ("name = \"m\"\nmirror = [0, nan, 0]", "0 to 1"),
         ("name = \"m\"\nindex_of_refraction = 0", "0.1 to 10"),
+        ("name = \"m\"\nroughness = 1.5", "0 to 1"),
+        ("name = \"m\"\nroughness = nan", "0 to 1"),
+        ("name = \"m\"\nmetallic = 1", "roughness"),
         ("name = \"m\"\nmirror = [0.9, 0.9, 0.9]", "material \"m\""),
         ("mirror = [0, 0, 0]", "name"),
     ] {
@@ -367,6 +376,64 @@ fn gltf_has_mirrors_panes_and_bodies_of_glass() {
     assert_eq!(body(",\"KHR_materials_volume\":{\"thicknessFactor\":0.1}").is_pane, 0);
     let (rough, warnings) = optics(&format!("\"pbrMetallicRoughness\":{{}},\"extensions\":{{{clear}}}"));
     assert!(!rough.is_specular() && warnings.iter().any(|w| w.contains("rough")), "{warnings:?}");
+}
+
+/// A triangle whose material has these keys, with texture coordinates and a picture of 1 × 1 texel with this colour.
+fn triangle_glb(material: &str, [r, g, b]: [u8; 3]) -> Vec<u8> {
+    let mut png = Vec::new();
+    let picture = image::RgbImage::from_pixel(1, 1, image::Rgb([r, g, b]));
+    picture.write_to(&mut Cursor::new(&mut png), ImageFormat::Png).unwrap();
+    let floats: [f32; 15] = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 1.0, 1.0, 1.0, 0.0, 0.0];
+    let mut bytes: Vec<u8> = floats.iter().flat_map(|x| x.to_le_bytes()).collect();
+    let length = png.len();
+    bytes.extend(png);
+    bytes.resize(bytes.len().next_multiple_of(4), 0);
+    let json = format!(
+        "{{\"asset\":{{\"version\":\"2.0\"}},\"scenes\":[{{\"nodes\":[0]}}],\"nodes\":[{{\"mesh\":0}}],\
+         \"meshes\":[{{\"primitives\":[{{\"attributes\":{{\"POSITION\":0,\"TEXCOORD_0\":1}},\"material\":0}}]}}],\
+         \"materials\":[{{{material}}}],\"textures\":[{{\"source\":0}}],\
+         \"images\":[{{\"bufferView\":2,\"mimeType\":\"image/png\"}}],\"buffers\":[{{\"byteLength\":{}}}],\
+         \"bufferViews\":[{{\"buffer\":0,\"byteLength\":36}},{{\"buffer\":0,\"byteOffset\":36,\"byteLength\":24}},\
+         {{\"buffer\":0,\"byteOffset\":60,\"byteLength\":{length}}}],\
+         \"accessors\":[{{\"bufferView\":0,\"componentType\":5126,\"count\":3,\"type\":\"VEC3\",\
+         \"min\":[0,0,0],\"max\":[1,1,0]}},{{\"bufferView\":1,\"componentType\":5126,\"count\":3,\"type\":\"VEC2\"}}]}}",
+        bytes.len()
+    );
+    glb(&json, &bytes)
+}
+
+#[test]
+fn gltf_has_normal_maps_roughness_and_metalness() {
+    let read = |material: &str, color: [u8; 3]| {
+        let folder = folder(&[("a.glb", &triangle_glb(material, color))]);
+        loaded(&folder, "a.glb")
+    };
+    let of = |scene: &LoadedScene| scene.scene.geometry.finishes[0];
+    let maps = "\"normalTexture\":{\"index\":0,\"scale\":0.5},\"pbrMetallicRoughness\":{\"roughnessFactor\":0.6,\
+                \"metallicFactor\":0.8,\"metallicRoughnessTexture\":{\"index\":0}}";
+    let scene = read(maps, [128, 64, 255]);
+    let finish = of(&scene);
+    assert_eq!((finish.has_lobe, finish.roughness, finish.metallic, finish.normal_scale), (1, 0.6, 0.8, 0.5));
+    // Numbers, not colours: a code of 64 is a quarter, where as a colour it would be 0.05.
+    let geometry = &scene.scene.geometry;
+    let texture = geometry.textures[finish.surface_texture as usize];
+    let texel = texel(&geometry.texels, texture.offset);
+    assert!((texel.y - 64.0 / 255.0).abs() < 1e-4 && (texel.z - 1.0).abs() < 1e-4, "{texel}");
+    assert_eq!(finish.normal_texture, finish.surface_texture);
+    // The defaults of the format: a rough metal.
+    let plain = read("\"pbrMetallicRoughness\":{}", [0; 3]);
+    assert_eq!((of(&plain).has_lobe, of(&plain).roughness, of(&plain).metallic), (1, 1.0, 1.0));
+    assert_ne!(plain.content_hash, scene.content_hash);
+    // What mirrors has none.
+    let mirror = read("\"pbrMetallicRoughness\":{\"roughnessFactor\":0}", [0; 3]);
+    assert!(mirror.scene.geometry.finishes.is_empty());
+    let other_set = read(
+        "\"normalTexture\":{\"index\":0,\"texCoord\":1},\"pbrMetallicRoughness\":\
+                          {\"baseColorTexture\":{\"index\":0}}",
+        [0; 3],
+    );
+    assert_eq!(of(&other_set).normal_texture, NONE);
+    assert!(other_set.warnings.iter().any(|w| w.contains("normal texture")), "{:?}", other_set.warnings);
 }
 
 /// A GLB with one textured, masked quad under two transforms, a spot, and a camera.

@@ -143,6 +143,7 @@ fn with_triangles(scene: &Scene, keep: impl Fn(u32) -> bool) -> Scene {
         distributions: scene.lighting.distributions.to_vec(),
         ray_offset: None,
         absorption: scene.geometry.absorption,
+        ..SceneParts::default()
     })
     .unwrap()
 }

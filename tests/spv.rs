@@ -140,9 +140,19 @@ fn bindings_are_those_of_the_table() {
     }
     // Pixels take the scene as a whole, but neither albedo nor shading casts a ray, shading samples no emitter, sharp
     // lights are no emitters, light with nothing in the way casts no ray, and large lights do not look at the sky's
-    // map. Shading and large lights need no luminaires.
+    // map. Shading and large lights need no luminaires. A finish takes neither rays nor what
+    // else a material is, and lobes have a kernel for each kind of light.
     let expected = [
         ("scene_albedo", "nodes"),
+        ("scene_finish", "nodes"),
+        ("scene_finish", "materials"),
+        ("scene_chain_finish", "nodes"),
+        ("scene_chain_finish", "materials"),
+        ("scene_lobe_sharp", "emitters"),
+        ("scene_lobe_sharp", "sky_map"),
+        ("scene_lobe_open", "nodes"),
+        ("scene_lobe_open", "sky_map"),
+        ("scene_lobe_open", "distributions"),
         ("scene_shade", "nodes"),
         ("scene_shade", "emitters"),
         ("scene_shade", "distributions"),

@@ -24,7 +24,8 @@ use gpu_kernels::table::{
 };
 use patches::kernel::volume::{CUBE_SIDES, PLANE_WORDS, SH_COEFFICIENTS};
 use patches::{
-    EMPTY_CELL, GridShape, LookupParams, LookupPatch, PackedWeights, RULE_WALLS, VolumeParams, Weight, WeightParams,
+    DifferenceParams, EMPTY_CELL, GridShape, LookupParams, LookupPatch, PackedWeights, RULE_WALLS, VolumeParams,
+    Weight, WeightParams,
 };
 use scene::gpu::{
     DirectParams, EmitterGroup, LIGHT_DIRECTIONAL, LIGHT_LUMINAIRE, LIGHT_POINT, LIGHT_RECT, LIGHT_SPOT, LargeParams,
@@ -33,7 +34,9 @@ use scene::gpu::{
 use scene::kernel::specular::follow_primary;
 use scene::kernel::{bvh, camera};
 use scene::sampling::{cosine_hemisphere, hash3, unit};
-use scene::{Camera, Distribution, Hit, Light, Material, NONE, Ray, Scene, SceneParts, Sky, SurfacePoint};
+use scene::{
+    Camera, Distribution, Finish, Hit, Light, Lobe, Material, NONE, Ray, Scene, SceneParts, Sky, SurfacePoint,
+};
 use transport::HitCounts;
 use transport::kernel::grid::{cell_count, vertex_count};
 use transport::kernel::hits::WORD_COUNTS;
@@ -291,6 +294,7 @@ pub fn small_scene() -> Scene {
         triangles,
         uvs,
         materials,
+        finishes: Vec::new(),
         textures,
         texels,
         lights,
@@ -508,7 +512,21 @@ fn large_light(r: &mut Random, name: &str, scene: &Scene) -> (u32, Vec<u8>, Tabl
     let seen = r.colors(n);
     // What is seen is a part of all.
     let sampled: Vec<Vec4> = seen.iter().map(|seen| *seen * (1.0 + r.unit())).collect();
-    let tables = vec![
+    let mut of_lobes = Vec::new();
+    if name.contains("lobe") {
+        let (grids, cells) = grids(r, scene, cell_count);
+        let lobes: Vec<Lobe> = (0..n).map(|k| lobe(r, p.camera.eye, &points[k])).collect();
+        of_lobes = vec![
+            buffer("lobes", &lobes),
+            buffer("grids", &grids),
+            buffer("cells", &(0..cells).rev().map(|k| if k % 9 == 0 { NONE } else { k }).collect::<Vec<u32>>()),
+            buffer("exitance", &r.colors(cells as usize)),
+            buffer("reflectance", &sampled),
+            buffer("of_sky", &seen),
+            buffer("of_surfaces", &r.colors(n)),
+        ];
+    }
+    let mut tables = vec![
         buffer("hits", &hits),
         buffer("albedo", &r.colors(n)),
         buffer("points", &points),
@@ -519,8 +537,9 @@ fn large_light(r: &mut Random, name: &str, scene: &Scene) -> (u32, Vec<u8>, Tabl
         buffer("full", &r.colors(n)),
         buffer("direct", &r.colors(n)),
     ];
+    tables.extend(of_lobes);
     match name {
-        "scene_mark_steady" | "scene_add_large_light" => {
+        "scene_mark_steady" | "scene_add_large_light" | "scene_add_lobes" => {
             // The tables have the pixels about, too.
             let margin = 4 * width + 4;
             let count = p.count - 2 * margin;
@@ -536,11 +555,38 @@ fn large_light(r: &mut Random, name: &str, scene: &Scene) -> (u32, Vec<u8>, Tabl
             };
             call(count, share, tables)
         }
-        "scene_seen_light_medium" => {
+        "scene_seen_light_medium" | "scene_lobe_ray" => {
             call(p.count, MediumLargeParams { large: p, absorption: ABSORPTION, count: p.count }, tables)
         }
         _ => call(p.count, p, tables),
     }
+}
+
+/// A lobe of what is seen from a place, or none.
+fn lobe(r: &mut Random, eye: Vec3, point: &SurfacePoint) -> Lobe {
+    Lobe {
+        facing: r.vector() * 0.9,
+        alpha: if r.below(5) == 0 { 0.0 } else { 0.16 + 0.8 * r.unit() },
+        grazing: Vec3::ONE,
+        matte: r.unit(),
+        to_eye: (eye - point.position).normalize(),
+        bend: if r.below(3) == 0 { Vec3::ZERO } else { 0.4 * (r.vector() - 0.5) },
+        ..Lobe::default()
+    }
+}
+
+/// Finishes of the materials of a scene, with textures and without.
+fn finishes(r: &mut Random, scene: &Scene) -> Vec<Finish> {
+    let finish = |k: u32, r: &mut Random| Finish {
+        normal_texture: if k % 2 == 0 { k % 4 / 2 } else { NONE },
+        normal_scale: 0.5 + r.unit(),
+        surface_texture: if k % 3 == 0 { k % 2 } else { NONE },
+        roughness: r.unit(),
+        metallic: r.unit(),
+        has_lobe: u32::from(k % 5 != 4),
+        ..Finish::default()
+    };
+    (0..scene.materials.len() as u32).map(|k| finish(k, r)).collect()
 }
 
 /// Specular paths of pixels, by way of mirrors and through glass.
@@ -555,25 +601,64 @@ fn chains(r: &mut Random, name: &str, scene: &Scene) -> (u32, Vec<u8>, Tables) {
         let p = FollowParams { pixels, absorption: ABSORPTION, ray_offset, count, ..FollowParams::default() };
         return call(count, p, vec![room::<Hit>("hits", n), room::<SpecularChain>("chains", n)]);
     }
-    let tables = scene.tables();
+    let tables_of_scene = scene.tables();
     let lights = scene.all_lights();
-    let follow =
-        |k: u32| follow_primary(&tables, &lights, light_count, &camera, pixels.first + k, 5, ray_offset, Vec3::ZERO);
+    let follow = |k: u32| {
+        follow_primary(&tables_of_scene, &lights, light_count, &camera, pixels.first + k, 5, ray_offset, Vec3::ZERO)
+    };
     let (hits, chains): (Vec<Hit>, Vec<SpecularChain>) = (0..count).map(follow).unzip();
     assert!(chains.iter().filter(|chain| chain.surfaces > 0).count() > 20, "some rays go on");
-    let tables = vec![
+    let mut tables = vec![
         buffer("hits", &hits),
         buffer("chains", &chains),
         buffer("albedo", &r.colors(n)),
         buffer("direct", &r.colors(n)),
         buffer("indirect", &r.colors(n)),
         buffer("sum", &r.colors(n)),
-        room::<SurfacePoint>("points", n),
     ];
+    if name == "scene_chain_finish" {
+        let of_chain =
+            |(&hit, chain): (&Hit, &SpecularChain)| camera::surface_point(&tables_of_scene, hit, chain.direction);
+        let points: Vec<SurfacePoint> = hits.iter().zip(&chains).map(of_chain).collect();
+        tables.extend([buffer("points", &points), buffer("finishes", &finishes(r, scene)), room::<Lobe>("lobes", n)]);
+        return call(count, pixels, tables);
+    }
+    tables.push(room::<SurfacePoint>("points", n));
     if name == "scene_chain_surface" {
         return call(count, pixels, tables);
     }
     call(count, CountParams { count }, tables)
+}
+
+/// Irradiance of pixels that is turned to their normals, with as many rows of weights as there are interpolation points.
+fn turn(
+    r: &mut Random,
+    scene: &Scene,
+    (eye, points): (Vec3, &[SurfacePoint]),
+    rows: usize,
+    mut tables: Tables,
+) -> (u32, Vec<u8>, Tables) {
+    let made: Vec<Vec<Weight>> = (0..rows).map(|_| (0..r.below(9)).map(|_| r.weight(90)).collect()).collect();
+    let weights = PackedWeights::new(rows, |k| made[k].clone()).expect("few weights");
+    let lobes: Vec<Lobe> = points.iter().map(|point| lobe(r, eye, point)).collect();
+    tables.retain(|(name, _)| *name != "irradiance");
+    tables.extend([
+        buffer("lobes", &lobes),
+        buffer("row_start", weights.row_start()),
+        buffer("list_start", weights.list_start()),
+        buffer("lists", weights.lists()),
+        buffer("entries", weights.entries()),
+        buffer("receivers", &surface_points(r, scene, 90)),
+        buffer("received", &r.colors(4 * 90)),
+        buffer("irradiance", &r.colors(points.len())),
+    ]);
+    let p = DifferenceParams {
+        count: points.len() as u32,
+        rows: rows as u32,
+        block_rows: weights.block_rows(),
+        reserved: 0,
+    };
+    call(p.count, p, tables)
 }
 
 /// Elements, push constants and the tables that are not the scene's.
@@ -635,6 +720,27 @@ fn own_tables(r: &mut Random, name: &str, scene: &Scene) -> (u32, Vec<u8>, Table
                 _ => call(150, p, tables),
             }
         }
+        "scene_matte" | "scene_add_shine" => {
+            let points = points_in_space(r, 200);
+            let lobes: Vec<Lobe> = points.iter().map(|point| lobe(r, Vec3::splat(2.0), point)).collect();
+            let mut tables: Tables = ["albedo", "shine", "full", "direct"].map(|n| buffer(n, &r.colors(200))).into();
+            tables.extend([buffer("lobes", &lobes), room::<Vec4>("matte", 200)]);
+            call(200, CountParams { count: 200 }, tables)
+        }
+        "scene_lobe_sharp" => {
+            let points = surface_points(r, scene, 150);
+            let lobes: Vec<Lobe> = points.iter().map(|point| lobe(r, Vec3::new(1.7, 1.2, 1.9), point)).collect();
+            let ray_offset = scene.geometry.ray_offset;
+            let light_count = scene.lighting.lights.len() as u32;
+            let direct = DirectParams { count: 150, light_count, ray_offset, ..DirectParams::default() };
+            let tables = vec![
+                buffer("points", &points),
+                buffer("lobes", &lobes),
+                room::<Vec4>("shine", 150),
+                buffer("reflectance", &r.colors(150)),
+            ];
+            call(150, MediumDirectParams { direct, absorption: ABSORPTION, count: 150 }, tables)
+        }
         "scene_sharp_light" | "scene_sharp_light_medium" => {
             let points = surface_points(r, scene, 150);
             let ray_offset = scene.geometry.ray_offset;
@@ -651,9 +757,18 @@ fn own_tables(r: &mut Random, name: &str, scene: &Scene) -> (u32, Vec<u8>, Table
         | "scene_seen_light"
         | "scene_seen_light_medium"
         | "scene_mark_steady"
-        | "scene_add_large_light" => large_light(r, name, scene),
-        "scene_follow" | "scene_chain_surface" | "scene_chain_shade" => chains(r, name, scene),
-        "scene_primary" | "scene_albedo" | "scene_shade" | "transport_interpolate" | "transport_mark_pixels" => {
+        | "scene_add_large_light"
+        | "scene_lobe_open"
+        | "scene_lobe_ray"
+        | "scene_add_lobes" => large_light(r, name, scene),
+        "scene_follow" | "scene_chain_surface" | "scene_chain_shade" | "scene_chain_finish" => chains(r, name, scene),
+        "scene_primary"
+        | "scene_albedo"
+        | "scene_shade"
+        | "scene_finish"
+        | "transport_interpolate"
+        | "transport_mark_pixels"
+        | "patches_turn" => {
             let eye = Vec3::new(1.7, 1.2, 1.9);
             let camera = Camera::look_at(eye, Vec3::splat(0.4), Vec3::Y, 55.0, 33, 31);
             let n = 33 * 21;
@@ -674,6 +789,16 @@ fn own_tables(r: &mut Random, name: &str, scene: &Scene) -> (u32, Vec<u8>, Table
             }
             if name == "scene_albedo" {
                 let tables = vec![buffer("hits", &hits), room::<Vec4>("albedo", n)];
+                return call(p.count, p, tables);
+            }
+            if name == "scene_finish" {
+                let tables = vec![
+                    buffer("hits", &hits),
+                    buffer("albedo", &r.colors(n)),
+                    buffer("points", &points),
+                    buffer("finishes", &finishes(r, scene)),
+                    room::<Lobe>("lobes", n),
+                ];
                 return call(p.count, p, tables);
             }
             let (grids, count) = grids(r, scene, cell_count);
@@ -698,6 +823,9 @@ fn own_tables(r: &mut Random, name: &str, scene: &Scene) -> (u32, Vec<u8>, Table
                 room::<Vec4>("irradiance", n),
                 buffer("marks", &r.marks(values as usize)),
             ];
+            if name == "patches_turn" {
+                return turn(r, scene, (eye, &points), values as usize, tables);
+            }
             match name {
                 "scene_shade" => call(p.count, p, tables),
                 "transport_mark_pixels" => call(p.count, view(p.count, 0), tables),

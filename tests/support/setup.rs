@@ -11,6 +11,7 @@ use patchlight::{
     PixelLight, ReceiverKind, ReceiverUpdate, Result, Silent,
 };
 use runtime::executor::Executor;
+use scene::Materials;
 
 /// Settings of a bake and of its pictures.
 #[derive(Clone, Copy, Debug)]
@@ -43,6 +44,8 @@ pub struct Setup {
     pub receivers_updated: ReceiverUpdate,
     /// Method for direct light at pixels.
     pub direct: PixelLight,
+    /// Reflection of surfaces.
+    pub materials: Materials,
     /// Picture size, pixels.
     pub size: (u32, u32),
 }
@@ -67,6 +70,7 @@ impl Default for Setup {
             sub_frames: pictures.sub_frames,
             receivers_updated: pictures.receivers,
             direct: pictures.direct,
+            materials: pictures.materials,
             size: pictures.size,
         }
     }
@@ -120,7 +124,8 @@ impl Setup {
             .with_size(self.size)
             .with_sub_frames(self.sub_frames)
             .with_receivers(self.receivers_updated)
-            .with_direct(self.direct);
+            .with_direct(self.direct)
+            .with_materials(self.materials);
         PictureRenderer::of_bake(Arc::clone(bake), executor, &light, &pictures, &Silent)
     }
 

@@ -17,7 +17,7 @@ use scene::gpu::{LIGHT_DIRECTIONAL, LIGHT_LUMINAIRE, LIGHT_POINT, LIGHT_SPOT, Te
 use scene::kernel::shade::encode_srgb;
 use scene::kernel::texture::texel;
 use scene::math::luminance;
-use scene::{LUMENS_PER_WATT, Light, NONE};
+use scene::{Finish, LUMENS_PER_WATT, Light, NONE};
 
 use crate::import::{Animation, ImportError, LoadedScene, Target};
 
@@ -279,6 +279,11 @@ fn settings(scene: &LoadedScene, name: &str) -> String {
             material.index_of_refraction,
             material.is_pane == 1
         );
+    }
+    let finishes = &scene.scene.geometry.finishes;
+    for (finish, label) in finishes.iter().zip(material_names(scene)).filter(|(finish, _)| finish.has_lobe == 1) {
+        let Finish { roughness, metallic, .. } = finish;
+        let _ = write!(text, "\n[[material]]\nname = {label:?}\nroughness = {roughness:?}\nmetallic = {metallic:?}\n");
     }
     if scene.scene.has_medium() {
         let _ = write!(text, "\n[medium]\nabsorption = {}\n", v(scene.scene.geometry.absorption));

@@ -113,7 +113,9 @@ kernels! {
                     row, p.block_rows, row_start, list_start, lists, entries, receivers, received, share, sum,
                 );
             }
-            after = (before.truncate() + sum.along(bend)).max(Vec3::ZERO).extend(before.w);
+            // Even light comes from above the triangle only: of that a surface at an angle θ to it gets (1 + cosθ)/2.
+            let even = before.truncate() * (1.0 - 0.25 * bend.dot(bend));
+            after = (even + sum.along(bend)).max(Vec3::ZERO).extend(before.w);
         }
         after
     }

@@ -92,13 +92,14 @@ pub struct DisplayOptions {
     /// Smooth ones are interpolated between the vertices of a file that has normals.
     #[arg(long, value_enum, hide_possible_values = true, help_heading = "Picture")]
     pub normals: Option<Normals>,
-    /// Surfaces: diffuse, or gltf with normal maps and highlights [default: diffuse].
+    /// Surfaces: diffuse, or gltf with highlights [default: diffuse].
     ///
-    /// Light between surfaces is the same. Highlights have a roughness of 0.4 at least; roughness, metalness and normal maps
-    /// are those of a glTF file, or of the materials in a scene file.
+    /// gltf shows normal maps and rough specular lobes. Light between surfaces is the same. Highlights have a roughness of 0.4 at least; roughness, metalness and normal
+    /// maps are those of a glTF file, or of the materials in a scene file.
     #[arg(
         long,
         value_enum,
+        value_name = "HOW",
         default_value_t,
         hide_default_value = true,
         hide_possible_values = true,

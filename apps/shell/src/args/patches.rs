@@ -9,10 +9,10 @@ use super::definition::RESEARCH;
 /// Kind and number of patches.
 #[derive(Args, Clone, Copy, Debug, PartialEq)]
 pub struct PatchOptions {
-    /// Kind of patches [default: cluster].
+    /// Kind: polygon, cluster, voxel or axis [default: cluster].
     ///
     /// Where form factors are not by rays the default is polygon.
-    #[arg(long, value_enum, help_heading = "Bake")]
+    #[arg(long, value_enum, hide_possible_values = true, help_heading = "Bake")]
     pub patches: Option<Patches>,
     /// Patches, about [default: 4000].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=65_535), help_heading = "Bake")]
