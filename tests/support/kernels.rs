@@ -578,9 +578,9 @@ fn lobe(r: &mut Random, eye: Vec3, point: &SurfacePoint) -> Lobe {
 /// Finishes of the materials of a scene, with textures and without.
 fn finishes(r: &mut Random, scene: &Scene) -> Vec<Finish> {
     let finish = |k: u32, r: &mut Random| Finish {
-        normal_texture: if k % 2 == 0 { k % 4 / 2 } else { NONE },
+        normal_texture: if k.is_multiple_of(2) { k % 4 / 2 } else { NONE },
         normal_scale: 0.5 + r.unit(),
-        surface_texture: if k % 3 == 0 { k % 2 } else { NONE },
+        surface_texture: if k.is_multiple_of(3) { k % 2 } else { NONE },
         roughness: r.unit(),
         metallic: r.unit(),
         has_lobe: u32::from(k % 5 != 4),

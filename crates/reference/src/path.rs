@@ -370,8 +370,8 @@ impl<'a> PathTracer<'a> {
             DirectParams { light_count: self.lights.lights.len() as u32, ray_offset, ..DirectParams::default() };
         let stopped = |origin: Vec3, direction: Vec3, t_max: f32| self.scene.occluded(origin, direction, t_max);
         let absorption = self.scene.geometry.absorption;
-        let mut found = Gathered::default();
-        found.direct = lobe::sharp_light(&params, absorption, point, lobe, &self.lights, stopped);
+        let sharp = lobe::sharp_light(&params, absorption, point, lobe, &self.lights, stopped);
+        let mut found = Gathered { direct: sharp, indirect: Vec3::ZERO };
         let (mut direction, density) = by_microfacets(lobe, point.normal, sampler.next());
         let mut origin = point.position + point.normal * ray_offset;
         let mut throughput = lobe::reflected(lobe, point.normal, direction) * (1.0 / density);

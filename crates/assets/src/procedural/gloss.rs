@@ -95,7 +95,7 @@ fn ball(b: &mut Builder, material: u32, centre: Vec3) {
         Vec3::new(up_sin * cos, -up_cos, up_sin * sin)
     };
     let first = b.mesh.triangles.len();
-    b.sheet(material, QUADS, |s, t| centre + RADIUS * at(s, t), |s, t| Vec2::new(s, t));
+    b.sheet(material, QUADS, |s, t| centre + RADIUS * at(s, t), Vec2::new);
     for triangle in &mut b.mesh.triangles[first..] {
         triangle.normals = triangle.corners.map(|corner| packed_normal(corner - centre));
     }
