@@ -35,6 +35,8 @@ export class Patchlight {
   surface(): Float32Array;
   /** Positions of the interpolation points, m. */
   surfacePoints(): Float32Array;
+  /** Corners of the triangles, m: nine numbers each, in the order of `lightmapUvs`. */
+  triangles(): Float32Array;
   /** Makes a lightmap with texels of this size, m. */
   makeLightmap(texel: number): { width: number; height: number };
   /** Irradiance in its texels, W/m², row by row: RGB. Valid until the next table is asked for. */

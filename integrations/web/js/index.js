@@ -112,6 +112,11 @@ export class Patchlight {
     return this.#table(() => this.#field.surface_points()).slice();
   }
 
+  /** Corners of the triangles, m: nine numbers each, in the order of `lightmapUvs`. */
+  triangles() {
+    return this.#table(() => this.#field.triangles()).slice();
+  }
+
   /** Makes a lightmap with texels of this size, m. */
   makeLightmap(texel) {
     const [width, height] = failing(() => this.#field.make_lightmap(texel));

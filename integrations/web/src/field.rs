@@ -121,6 +121,13 @@ impl LightField {
         self.keep(bake.receivers().interpolation.points.iter().map(|point| point.position))
     }
 
+    /// Corners of the triangles, m: nine numbers each, in the order of [`Self::lightmap_uvs`].
+    pub fn triangles(&mut self) -> Table {
+        let bake = Arc::clone(self.field.bake());
+        let triangles = bake.scene().geometry.triangles.iter();
+        self.keep(triangles.flat_map(|t| [t.corner, t.corner + t.edge_a, t.corner + t.edge_b]))
+    }
+
     /// Makes a lightmap with texels of this size, m: its width and height.
     ///
     /// # Errors

@@ -94,8 +94,9 @@ pub struct DisplayOptions {
     pub normals: Option<Normals>,
     /// Surfaces: diffuse, or gltf with highlights [default: diffuse].
     ///
-    /// gltf shows normal maps and rough specular lobes. Light between surfaces is the same. Highlights have a roughness of 0.4 at least; roughness, metalness and normal
-    /// maps are those of a glTF file, or of the materials in a scene file.
+    /// gltf shows normal maps and rough specular lobes. Light between surfaces is the same. Highlights have a roughness
+    /// of 0.4 at least; roughness, metalness and normal maps are those of a glTF file, or of the materials in a scene
+    /// file.
     #[arg(
         long,
         value_enum,
