@@ -73,8 +73,8 @@ test("lights of three are ours in other units", () => {
   assert.deepEqual([second.kind, second.inner, second.outer], ["spot", 0.375, 0.5]);
   const [a, b] = [third.edgeA, third.edgeB].map((edge) => new THREE.Vector3(...edge));
   // It looks down, and is as large as it was.
-  near(a.clone().cross(b).toArray(), [0, -2, 0]);
-  near(new THREE.Vector3(...third.corner).addScaledVector(a, 0.5).addScaledVector(b, 0.5).toArray(), [1, 3, 1]);
+  near(a.clone().cross(b).toArray(), [0, -2, 0], 1e-3);
+  near(new THREE.Vector3(...third.corner).addScaledVector(a, 0.5).addScaledVector(b, 0.5).toArray(), [1, 3, 1], 1e-3);
   assert.deepEqual(third.radiance, [4, 4, 4]);
 });
 
@@ -154,13 +154,14 @@ test("probes have the light of their places, and between them a mean", async () 
   const expected = light.points(set).slice();
   const of = (values) => [values.slice(0, 3), values.slice(6, 9), values.slice(9, 12), values.slice(3, 6)].map((v) => Array.from(v));
   const found = (at) => maps.harmonics(new THREE.Vector3(...at)).coefficients.slice(0, 4).map((c) => c.toArray());
-  near(found(low).flat(), of(expected.subarray(0, 12)).flat());
+  // Points find their rows by rays, other ones for each.
+  near(found(low).flat(), of(expected.subarray(0, 12)).flat(), 0.01);
   const between = of(expected.subarray(0, 12)).flat().map((x, k) => (x + of(expected.subarray(12)).flat()[k]) / 2);
-  near(found([0.1, 0.1, 0.1875]).flat(), between);
+  near(found([0.1, 0.1, 0.1875]).flat(), between, 0.01);
   // It follows the lamp.
   bulb.intensity = 0.2;
   maps.update();
-  near(found(low).flat(), of(expected.subarray(0, 12)).flat().map((x) => 2 * x), 1e-4);
+  near(found(low).flat(), of(expected.subarray(0, 12)).flat().map((x) => 2 * x), 0.01);
   maps.dispose();
   light.free();
 });
