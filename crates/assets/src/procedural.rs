@@ -105,7 +105,7 @@ pub fn build(spec: &str) -> Result<LoadedScene, ImportError> {
         "islands" => islands::build(&values),
         "kitchen" => kitchen::build(&values),
         "bay" => bay::build(&values),
-        "gloss" => gloss::build(&values),
+        "gloss" => gloss::build(),
         _ => Ok(boxes::furnace()),
     }
     .map_err(|(key, reason)| fault(format!("{key}: {reason}")))?;

@@ -8,21 +8,11 @@ use super::Built;
 use super::builder::{ALL_SIDES, Builder, sin_cos};
 use super::pattern;
 use super::shell::Shell;
-use super::spec::{Parameter, Values};
 use crate::import::draft::{FinishDraft, MaterialDraft, packed_normal};
 use crate::import::{View, lights};
 
 /// Roughness of floor and balls.
-const ROUGHNESS: Parameter = Parameter {
-    name: "roughness",
-    about: "roughness of the floor and of the balls",
-    default: 0.45,
-    range: 0.4..=1.0,
-    is_whole: false,
-};
-/// Accepted parameters.
-pub const PARAMETERS: &[Parameter] = &[ROUGHNESS];
-
+const ROUGHNESS: f32 = 0.45;
 /// Room, and the window in its wall at x = 0, m.
 const SHELL: Shell = Shell { size: Vec3::new(4.0, 2.7, 3.6), wall: 0.25, axis: 0, along: [1.0, 2.6], up: [0.8, 2.1] };
 /// Radius of the balls, m, and quads round and from pole to pole.
@@ -33,14 +23,13 @@ const LAMP: [Vec3; 2] = [Vec3::new(2.6, 2.6, 1.4), Vec3::new(0.7, 0.0, 0.7)];
 const RADIANCE: Vec3 = Vec3::new(16.0, 14.0, 11.0);
 
 /// Builds it.
-pub fn build(values: &Values) -> Result<Built, lights::Fault> {
-    let roughness = values.get_f32(&ROUGHNESS);
+pub fn build() -> Result<Built, lights::Fault> {
     let mut b = Builder::default();
     SHELL.build(&mut b);
     let finish = |roughness, metallic| FinishDraft { roughness: Some(roughness), metallic, ..FinishDraft::default() };
     let boards = b.material(MaterialDraft {
         albedo_picture: Some(pattern::wood()),
-        finish: finish(roughness, 0.0),
+        finish: finish(ROUGHNESS, 0.0),
         ..MaterialDraft::new("boards")
     });
     let bricks = b.material(MaterialDraft {
@@ -50,12 +39,12 @@ pub fn build(values: &Values) -> Result<Built, lights::Fault> {
     });
     let metal = b.material(MaterialDraft {
         albedo: Vec3::new(0.78, 0.66, 0.42),
-        finish: finish(roughness, 1.0),
+        finish: finish(ROUGHNESS, 1.0),
         ..MaterialDraft::new("metal")
     });
     let plastic = b.material(MaterialDraft {
         albedo: Vec3::new(0.5, 0.05, 0.04),
-        finish: finish(roughness, 0.0),
+        finish: finish(ROUGHNESS, 0.0),
         ..MaterialDraft::new("plastic")
     });
     let [width, height, depth] = SHELL.size.to_array();

@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 use std::ops::RangeInclusive;
 
-use super::{atrium, bay, blinds, city, clutter, corridor, gloss, islands, kitchen, rooms, stripes, window};
+use super::{atrium, bay, blinds, city, clutter, corridor, islands, kitchen, rooms, stripes, window};
 
 /// A number that a built-in scene is built with.
 #[derive(Clone, Debug)]
@@ -98,7 +98,7 @@ pub const BUILT_IN: [BuiltIn; 16] = [
     BuiltIn {
         name: "gloss",
         about: "varnished boards, bricks by a normal map, balls of brushed metal and of plastic",
-        parameters: gloss::PARAMETERS,
+        parameters: &[],
     },
 ];
 
