@@ -156,8 +156,8 @@ kernels! {
         let direction = camera::primary_direction(&p.camera, p.first + k, p.seed);
         let area = shade::seen_area(&geometry, &p.camera, direction, hit);
         let seen = albedo[k as usize];
-        let all = lobe::finished(&geometry, finishes, hit, direction, area, point, seen, Vec3::ONE);
-        (all.0, lobe::shown(all.1, lights, p.light_count, p.camera.eye, hit))
+        let (bent, lobe) = lobe::finished(&geometry, finishes, hit, direction, area, point, seen, Vec3::ONE);
+        (bent, lobe::shown(lobe, lights, p.light_count, p.camera.eye, hit))
     }
 
     /// The finish of what specular paths show: [`lobe::finished`]. One invocation per pixel.

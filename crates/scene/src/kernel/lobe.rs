@@ -23,9 +23,9 @@ const DIELECTRIC: f32 = 0.04;
 /// Least height of a mapped normal over the triangle, and least cosine at which a surface is seen.
 const MIN_HEIGHT: f32 = 0.1;
 const MIN_COSINE: f32 = 0.05;
-/// What the samples of rays of lobes are scrambled by.
+/// Scrambles the samples by which rays of lobes are chosen.
 const RAY_SLOT: u32 = 0x6c6f_6265;
-/// Points of a rectangle, and of an emissive triangle, whose light the lobe reflects in a sub-frame.
+/// Points of a rectangle whose light the lobe reflects in a sub-frame; an emissive triangle has one.
 const RECT_POINTS: u32 = 4;
 
 /// `(1 − x)⁵`.
