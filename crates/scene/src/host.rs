@@ -13,6 +13,7 @@ mod hierarchy;
 mod lighting;
 #[cfg(feature = "std")]
 pub mod memory;
+mod moving;
 mod picture;
 mod pyramid;
 mod receivers;
@@ -23,6 +24,7 @@ mod sky;
 mod stored;
 mod wide;
 
+pub(crate) use moving::{occluder, traverse};
 pub(crate) use wide::WideBvh;
 
 pub use builder::{BuildError, LightId, MaterialId, Mesh, MeshFault, MeshId, SceneBuilder, TextureId};
@@ -33,6 +35,7 @@ pub use file::{open_regular, read_regular};
 pub use geometry::{Geometry, Occluder, texel_count};
 pub use groups::MAX_EMITTER_GROUPS;
 pub use lighting::Lighting;
+pub use moving::MovingMesh;
 pub use picture::{
     DisplayTransform, METERED_PIXELS, Materials, Picture, Tone, automatic_stops, scale_to_stops, stops_to_scale,
 };

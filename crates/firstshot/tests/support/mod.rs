@@ -66,7 +66,7 @@ pub fn filled(scene: &Scene, absorption: Vec3) -> Scene {
         uvs: g.uvs.clone(),
         materials: g.materials.to_vec(),
         textures: g.textures.clone(),
-        texels: g.texels.clone(),
+        texels: g.texels.to_vec(),
         lights: scene.lighting.lights.clone(),
         sky: scene.lighting.sky,
         absorption,

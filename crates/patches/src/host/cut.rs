@@ -40,7 +40,7 @@ pub fn cut_at_feet(scene: &Scene, density: &Density, least: f32) -> Result<Optio
         materials: scene.geometry.materials.to_vec(),
         finishes: scene.geometry.finishes.clone(),
         textures: scene.geometry.textures.clone(),
-        texels: scene.geometry.texels.clone(),
+        texels: scene.geometry.texels.to_vec(),
         ray_offset: Some(scene.geometry.ray_offset),
         absorption: scene.geometry.absorption,
         ..SceneParts::default()

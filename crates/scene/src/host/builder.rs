@@ -385,7 +385,7 @@ impl SceneBuilder {
         self.fault.get_or_insert(fault);
     }
 
-    fn take(&mut self, mesh: &Mesh, number: u32) -> Result<(), MeshFault> {
+    pub(super) fn take(&mut self, mesh: &Mesh, number: u32) -> Result<(), MeshFault> {
         let Mesh { positions, indices, normals, uvs, material, transform, .. } = *mesh;
         let vertices = positions.len();
         for (name, found) in [("normals", normals.len()), ("texture coordinates", uvs.len())] {

@@ -46,7 +46,7 @@ impl Scene {
             materials: geometry.materials.to_vec(),
             finishes: geometry.finishes.clone(),
             textures: geometry.textures.clone(),
-            texels: geometry.texels.clone(),
+            texels: geometry.texels.to_vec(),
             ray_offset: Some(geometry.ray_offset),
             absorption: geometry.absorption,
             ..SceneParts::default()

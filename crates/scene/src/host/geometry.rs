@@ -9,6 +9,7 @@ use glam::Vec3;
 use num_traits::Float as _;
 
 use super::hierarchy;
+use super::moving::{self, Moving};
 use super::scene::SceneParts;
 use super::wide::WideBvh;
 use crate::Visibility;
@@ -43,7 +44,7 @@ pub struct Geometry {
     pub textures: Vec<Texture>,
     /// Texels of all pictures, two words each.
     #[cfg_attr(feature = "serde", serde(with = "crate::pod::table"))]
-    pub texels: Vec<u32>,
+    pub texels: Arc<[u32]>,
     /// Binary hierarchy of the kernels, root first.
     #[cfg_attr(feature = "serde", serde(with = "crate::pod::table"))]
     pub nodes: Vec<BvhNode>,
@@ -59,7 +60,9 @@ pub struct Geometry {
     #[cfg_attr(feature = "serde", serde(with = "crate::pod::value"))]
     pub absorption: Vec3,
     #[cfg_attr(feature = "serde", serde(skip))]
-    wide: WideBvh,
+    pub(super) wide: Arc<WideBvh>,
+    #[cfg_attr(feature = "serde", serde(skip))]
+    pub(super) moving: Option<Moving>,
 }
 
 /// Share of the diagonal by which rays start above a surface.
@@ -124,12 +127,13 @@ impl Geometry {
             materials: materials.into(),
             finishes,
             textures,
-            texels,
+            texels: texels.into(),
             nodes,
             bounds: (low, high),
             ray_offset,
             absorption,
-            wide,
+            wide: Arc::new(wide),
+            moving: None,
         })
     }
 
@@ -152,7 +156,8 @@ impl Geometry {
 
     /// The hierarchy with that of the host: kernels' bodies that run on the host find the same hits sooner with it.
     pub fn hierarchy(&self) -> Hierarchy<'_> {
-        Hierarchy { nodes: &self.nodes, wide: Some(&self.wide) }
+        let moving = self.moving.as_ref().map(Moving::wide);
+        Hierarchy { nodes: &self.nodes, wide: Some(&self.wide), moving }
     }
 
     /// Length of the bounds' diagonal, m.
@@ -208,8 +213,8 @@ impl Geometry {
 
     #[inline]
     fn traverse<const ANY: bool>(&self, origin: Vec3, direction: Vec3, t_max: f32) -> Hit {
-        let tables = self.tables();
-        self.wide.traverse::<ANY>(origin, direction, t_max, |triangle, u, v| tables.is_hole(triangle, u, v))
+        let tables = GeometryTables { hierarchy: self.hierarchy(), ..self.tables() };
+        moving::traverse::<ANY>(&self.wide, &tables, origin, direction, t_max)
     }
 }
 

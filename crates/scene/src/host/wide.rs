@@ -42,7 +42,7 @@ struct Packet {
 }
 
 /// The hierarchy eight wide.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct WideBvh {
     nodes: Vec<Node>,
     packets: Vec<Packet>,
@@ -169,6 +169,11 @@ impl WideBvh {
             wide.nodes[place] = Node::of(&entries);
         }
         Some(wide)
+    }
+
+    /// Number of packets: their names are below it.
+    pub(crate) fn packets(&self) -> usize {
+        self.packets.len()
     }
 
     fn add_leaf(&mut self, leaf: &BvhNode, triangles: &[Triangle], masked: &impl Fn(&Triangle) -> bool) -> u32 {

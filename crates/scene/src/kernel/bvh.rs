@@ -23,6 +23,9 @@ pub struct Hierarchy<'a> {
     /// Eight-wide hierarchy, where the host has it: rays go through this one then, with the same results.
     #[cfg(feature = "alloc")]
     pub(crate) wide: Option<&'a crate::host::WideBvh>,
+    /// That of what moves, whose triangles the other does not have.
+    #[cfg(feature = "alloc")]
+    pub(crate) moving: Option<&'a crate::host::WideBvh>,
 }
 
 impl<'a> From<&'a [BvhNode]> for Hierarchy<'a> {
@@ -33,6 +36,8 @@ impl<'a> From<&'a [BvhNode]> for Hierarchy<'a> {
             nodes,
             #[cfg(feature = "alloc")]
             wide: None,
+            #[cfg(feature = "alloc")]
+            moving: None,
         }
     }
 }
@@ -241,7 +246,7 @@ fn intersect_leaf(g: &GeometryTables, node: &BvhNode, origin: Vec3, direction: V
 pub fn closest_hit(g: &GeometryTables, origin: Vec3, direction: Vec3, t_max: f32) -> Hit {
     #[cfg(feature = "alloc")]
     if let Some(wide) = g.hierarchy.wide {
-        return wide.traverse::<false>(origin, direction, t_max, |triangle, u, v| g.is_hole(triangle, u, v));
+        return crate::host::traverse::<false>(wide, g, origin, direction, t_max);
     }
     traverse(g, origin, direction, t_max, false)
 }
@@ -251,8 +256,7 @@ pub fn closest_hit(g: &GeometryTables, origin: Vec3, direction: Vec3, t_max: f32
 pub fn any_hit(g: &GeometryTables, origin: Vec3, direction: Vec3, t_max: f32) -> bool {
     #[cfg(feature = "alloc")]
     if let Some(wide) = g.hierarchy.wide {
-        let is_hole = |triangle, u, v| g.is_hole(triangle, u, v);
-        return wide.traverse::<true>(origin, direction, t_max, is_hole).triangle != NONE;
+        return crate::host::traverse::<true>(wide, g, origin, direction, t_max).triangle != NONE;
     }
     traverse(g, origin, direction, t_max, true).triangle != NONE
 }
@@ -292,7 +296,7 @@ pub fn occluder(g: &GeometryTables, origin: Vec3, direction: Vec3, t_max: f32, l
 #[inline]
 pub fn host_occluder(g: &GeometryTables, origin: Vec3, direction: Vec3, t_max: f32, likely: [u32; 2]) -> u32 {
     match g.hierarchy.wide {
-        Some(wide) => wide.occluder(origin, direction, t_max, |triangle, u, v| g.is_hole(triangle, u, v), likely),
+        Some(wide) => crate::host::occluder(wide, g, origin, direction, t_max, likely),
         None => occluder(g, origin, direction, t_max, likely[0]),
     }
 }
