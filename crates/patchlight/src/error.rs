@@ -388,6 +388,35 @@ pub(crate) enum Reason {
         /// The method.
         method: &'static str,
     },
+    /// A mesh of an object that makes no sense.
+    #[error("the object: {0}")]
+    ObjectMesh(scene::MeshFault),
+    /// An object of a material that shines.
+    #[error("the object's material, number {material}, shines; give it one that does not, and a light that moves along")]
+    ObjectShines {
+        /// The material.
+        material: usize,
+    },
+    /// An object that is nowhere, flat or inside out.
+    #[error(
+        "the object's transform has the determinant {determinant} and leads to {translation}; give a finite one that \
+         neither flattens nor mirrors"
+    )]
+    ObjectTransform {
+        /// Where it leads.
+        translation: glam::Vec3,
+        /// Determinant of its matrix.
+        determinant: f32,
+    },
+    /// Objects where receivers are not on the mesh.
+    #[error("objects that move need receivers on the mesh, of which the bake has none; bake with those")]
+    ObjectReceivers,
+    /// Something that objects are not served by.
+    #[error("{what} knows nothing of objects that move; choose another, or remove the objects")]
+    Objects {
+        /// What it is.
+        what: &'static str,
+    },
     /// The system gives no thread for a bake in the background.
     #[error("cannot start a thread: {0}; bake without one")]
     Thread(#[source] std::io::Error),
@@ -496,6 +525,8 @@ impl Error {
             | Reason::WideBlocks { .. }
             | Reason::NoBlockEncoder { .. }
             | Reason::OwnMethod
+            | Reason::ObjectReceivers
+            | Reason::Objects { .. }
             | Reason::AlbedoHeld { .. } => ErrorKind::Unsupported,
             Reason::Own(error) => error.kind,
             _ => ErrorKind::Input,
@@ -512,7 +543,7 @@ impl Error {
         };
         let all: &[(Setting, Change)] = match &*self.0 {
             Reason::FirstShotReceivers => &[(Receivers, To("mesh")), (Receivers, To("pixels"))],
-            Reason::OutputReceivers | Reason::MediumReceivers => &[(Receivers, To("mesh"))],
+            Reason::OutputReceivers | Reason::MediumReceivers | Reason::ObjectReceivers => &[(Receivers, To("mesh"))],
             Reason::PatchesAsReceivers { .. } => {
                 &[(Patches, To("voxel")), (Patches, To("axis")), (Receivers, To("mesh"))]
             }

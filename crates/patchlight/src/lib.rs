@@ -65,6 +65,7 @@ pub mod light;
 pub mod low_level;
 pub mod memory;
 pub mod method;
+pub mod objects;
 pub mod observe;
 pub mod outputs;
 pub mod picture;
@@ -102,6 +103,8 @@ pub use low_level::operator::{Build, BuildOn, Codec, Decode};
 pub use low_level::stage::shade::PixelLight;
 #[doc(inline)]
 pub use method::{Method, MethodReport, MethodSettings};
+#[doc(inline)]
+pub use objects::{ObjectId, Objects};
 #[doc(inline)]
 pub use observe::run_phase;
 #[doc(inline)]

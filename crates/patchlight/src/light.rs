@@ -26,9 +26,11 @@ use crate::job::BakeJob;
 use crate::low_level::frame::{FrameInput, FramePlan, FrameTables, LAST_BOUNCES};
 use crate::low_level::operator::{Build, Decode};
 use crate::low_level::stage::gather::ReceiverTables;
+use crate::low_level::stage::objects::{ChangingRows, ObjectLight, Of};
 use crate::low_level::stage::{direct, gather, source};
 use crate::method::firstshot::ignore_progress;
 use crate::method::{Method, MethodReport, MethodSettings, Preparation};
+use crate::objects::ObjectTables;
 use crate::observe::warn_of_specular_materials;
 use crate::points::PointTables;
 use crate::settings::setters;
@@ -75,10 +77,12 @@ pub struct LightSettings {
     pub eye: Vec3,
     /// Rays of each hemisphere of a point of [`LightField::add_points`].
     pub point_rays: u32,
+    /// Rays of each hemisphere of a point of an object that moves ([`LightField::objects`]), in each of its places.
+    pub object_rays: u32,
 }
 
 impl Default for LightSettings {
-    /// Classic radiosity, 1,024 rays for each point of one's own.
+    /// Classic radiosity, 1,024 rays for each point of one's own, 128 for each of an object.
     fn default() -> Self {
         Self {
             method: MethodSettings::default(),
@@ -86,6 +90,7 @@ impl Default for LightSettings {
             build: Build::default(),
             eye: Vec3::ZERO,
             point_rays: 1024,
+            object_rays: 128,
         }
     }
 }
@@ -101,6 +106,8 @@ setters!(LightSettings {
     with_eye(eye: Vec3);
     /// With so many rays for each hemisphere of a point of one's own.
     with_point_rays(point_rays: u32);
+    /// With so many rays for each hemisphere of a point of an object.
+    with_object_rays(object_rays: u32);
 });
 
 /// Report of a light update.
@@ -171,6 +178,7 @@ pub struct LightField {
     /// Number of point sets so far.
     pub(crate) point_sets: u64,
     stamps: Stamps,
+    objects: ObjectTables,
 }
 
 /// Counters by which pictures on top of the light see what they must take over.
@@ -182,6 +190,8 @@ pub(crate) struct Stamps {
     pub sky: u64,
     /// Changes of the albedo.
     pub albedo: u64,
+    /// Moves of objects.
+    pub objects: u64,
 }
 
 /// The loaded plan of the light.
@@ -199,6 +209,9 @@ struct Loaded {
     /// From the elements to all receivers and interpolation points.
     receivers: Vec<PassId>,
     receiver_tables: Option<ReceiverTables>,
+    /// Rows of elements of which objects change some, and the objects' own light.
+    element_rows: Option<ChangingRows>,
+    objects: Option<ObjectLight>,
     /// True if the light of the scene's lighting is on the device, up to the elements, and up to all receivers.
     is_lit: bool,
     has_receivers: bool,
@@ -234,7 +247,8 @@ impl LightField {
             return Err(Reason::Medium { what: "this method" }.into());
         }
         let scene = bake.scene.clone();
-        let loaded = Loaded::load(&bake, &scene, None, executor.as_mut(), method.as_mut(), &mut [])?;
+        let content = Content { bake: &bake, scene: &scene, albedo: None, objects: None };
+        let loaded = Loaded::load(&content, executor.as_mut(), method.as_mut(), &mut [])?;
         Ok(Self {
             bake,
             scene,
@@ -253,6 +267,7 @@ impl LightField {
             points: Vec::new(),
             point_sets: 0,
             stamps: Stamps::default(),
+            objects: ObjectTables::new(settings.object_rays),
         })
     }
 
@@ -261,6 +276,9 @@ impl LightField {
     /// # Errors
     /// As [`Self::new`].
     pub fn set_method(&mut self, method: MethodSettings, observer: &dyn Observer) -> Result<(), Error> {
+        if matches!(method, MethodSettings::FirstShot(_)) && !self.objects.is_empty() {
+            return Err(Reason::Objects { what: "the method firstshot" }.into());
+        }
         self.settings.method = method;
         self.settings.eye = self.eye;
         self.method = prepare(&self.bake, &self.settings, self.executor.as_mut(), observer)?;
@@ -283,7 +301,7 @@ impl LightField {
         if self.has_own_method {
             return Err(Reason::OwnMethod.into());
         }
-        let mut scene = bake.scene.clone();
+        let mut scene = self.objects.scene(&bake)?;
         scene.set_lighting(self.scene.lighting.clone())?;
         self.settings.eye = self.eye;
         let mut method = prepare(&bake, &self.settings, self.executor.as_mut(), observer)?;
@@ -346,6 +364,7 @@ impl LightField {
         let needs_bounces = are_wrong(&changed.bounces, &self.loaded.bounces)
             && (self.method.depends_on_source_alone() || self.loaded.bounces <= LAST_BOUNCES);
         let changed = self.albedo.insert(changed);
+        self.objects.set_moved();
         if needs_bounces {
             self.load()?;
         } else {
@@ -397,9 +416,12 @@ impl LightField {
 
     fn load(&mut self) -> Result<(), Error> {
         let executor = self.executor.as_mut();
-        let albedo = self.albedo.as_ref();
         let method = self.method.as_mut();
-        self.loaded = Loaded::load(&self.bake, &self.scene, albedo, executor, method, &mut self.points)?;
+        let objects = Some(&self.objects).filter(|objects| !objects.is_empty());
+        let content =
+            Content { bake: &self.bake, scene: &self.scene, albedo: self.albedo.as_ref(), objects };
+        self.loaded = Loaded::load(&content, executor, method, &mut self.points)?;
+        self.objects.set_moved();
         self.stamps.plan += 1;
         if let KeptLight::OnDevice { is_written } = &mut self.sample_light {
             *is_written = false;
@@ -424,7 +446,8 @@ impl LightField {
 
     /// A light update, to all receivers or up to the elements and the points; says whether it found another light.
     pub(crate) fn update_up_to(&mut self, lighting: &Lighting, receivers: bool) -> Result<(LightUpdate, bool), Error> {
-        let source = self.set_lighting(lighting)?;
+        let is_moved = self.move_objects()?;
+        let source = self.set_lighting(lighting, is_moved)?;
         let input = FrameInput { lighting: &self.scene.lighting, eye: self.eye, number: self.number };
         let executor = self.executor.as_mut();
         let is_light = !source.is_empty() || !self.method.depends_on_source_alone();
@@ -575,7 +598,12 @@ impl LightField {
             }
             ReceiverKind::Pixels => self.loaded.buffers.elements,
         };
-        Ok(self.download(buffer)?.iter().map(|h| h.truncate()).collect())
+        // Points of objects stand behind those of the bake.
+        let resting = match self.bake.settings.receivers {
+            ReceiverKind::Mesh => self.bake.receivers.interpolation.points.len(),
+            _ => usize::MAX,
+        };
+        Ok(self.download(buffer)?.iter().take(resting).map(|h| h.truncate()).collect())
     }
 
     /// A buffer of RGB values of the last update, W/m²; waits.
@@ -602,7 +630,9 @@ impl LightField {
             return self.by_patches(points, seed);
         }
         let exitance = self.download(self.loaded.buffers.element_exitance)?;
-        let light = gather_at(&self.bake, &self.scene, Columns::Elements, &exitance, points, POINT_RAYS, seed)?;
+        let exitance = &exitance[..self.bake.mesh.elements.len()];
+        let scene = &self.bake.scene;
+        let light = gather_at(&self.bake, scene, Columns::Elements, exitance, points, POINT_RAYS, seed)?;
         Ok(light.iter().map(|h| h.truncate()).collect())
     }
 
@@ -665,7 +695,7 @@ impl LightField {
             }
         };
         show(&DebugView {
-            scene: &self.scene,
+            scene: &self.bake.scene,
             mesh: &self.bake.mesh,
             receivers: &self.bake.receivers,
             source: &source,
@@ -703,11 +733,11 @@ impl LightField {
 
     /// Takes over what shines, and puts on the device what has changed of it; the passes of direct light and of the
     /// first exitance that this asks for.
-    fn set_lighting(&mut self, lighting: &Lighting) -> Result<Vec<PassId>, Error> {
-        if self.loaded.is_lit && self.scene.lighting == *lighting && !self.has_new_source {
+    fn set_lighting(&mut self, lighting: &Lighting, is_moved: bool) -> Result<Vec<PassId>, Error> {
+        if self.loaded.is_lit && self.scene.lighting == *lighting && !self.has_new_source && !is_moved {
             return Ok(Vec::new());
         }
-        if !self.loaded.is_lit {
+        if !self.loaded.is_lit || is_moved {
             self.loaded.direct.forget();
         }
         let sky_changes = self.scene.lighting.sky != lighting.sky
@@ -738,6 +768,14 @@ impl LightField {
             KeptLight::OnDevice { is_written: false } => return Err(Reason::SampleLightLost.into()),
         };
         passes.extend(&self.loaded.source_passes);
+        if self.objects.is_moved() {
+            // The plan was loaded anew on the way.
+            self.move_objects()?;
+        }
+        if let Some(objects) = &self.loaded.objects {
+            objects.set_lighting(self.executor.as_mut(), &self.scene)?;
+            passes.extend(&objects.before);
+        }
         Ok(passes)
     }
 
@@ -751,6 +789,66 @@ impl LightField {
             ..self.bake.direct
         };
         Ok(self.loaded.direct.set(executor, lights, &params)?)
+    }
+
+    pub(crate) fn object_tables(&self) -> &ObjectTables {
+        &self.objects
+    }
+
+    pub(crate) fn object_tables_mut(&mut self) -> &mut ObjectTables {
+        &mut self.objects
+    }
+
+    /// Takes other objects; the ones before stay where the device has no room.
+    pub(crate) fn set_object_tables(&mut self, mut objects: ObjectTables) -> Result<(), Error> {
+        objects.forget();
+        let mut scene = objects.scene(&self.bake)?;
+        scene.set_lighting(self.scene.lighting.clone())?;
+        if let Some(albedo) = &self.albedo {
+            albedo.give_to(&mut scene);
+        }
+        let before = (std::mem::replace(&mut self.objects, objects), std::mem::replace(&mut self.scene, scene));
+        if let Err(error) = self.load() {
+            (self.objects, self.scene) = before;
+            self.load()?;
+            return Err(error);
+        }
+        Ok(())
+    }
+
+    /// Finds the rows of objects that have moved; returns true if some have.
+    fn move_objects(&mut self) -> Result<bool, Error> {
+        let Some(light) = self.loaded.objects.as_ref().filter(|_| self.objects.is_moved()) else { return Ok(false) };
+        let executor = self.executor.as_mut();
+        self.scene.geometry = self.objects.place(&self.scene.geometry)?;
+        self.loaded.frame.scene.set_moving(executor, &self.scene.geometry)?;
+        let placed = self.objects.find(&self.bake, &self.scene)?;
+        light.set(executor, &placed)?;
+        if let Some(rows) = &mut self.loaded.element_rows {
+            rows.set(executor, &self.objects.element_changes, Of::Elements)?;
+        }
+        if let Some(rows) = self.loaded.receiver_tables.as_mut().and_then(|tables| tables.changing.as_mut()) {
+            rows.set(executor, &self.objects.receiver_changes, Of::Elements)?;
+        }
+        self.stamps.objects += 1;
+        Ok(true)
+    }
+
+    /// The objects, and the executor.
+    pub(crate) fn objects_and_executor(&mut self) -> (&ObjectTables, &mut (dyn Executor + 'static)) {
+        (&self.objects, self.executor.as_mut())
+    }
+
+    /// Finds the light of objects again, where that of the elements is known.
+    pub(crate) fn light_objects(&mut self) -> Result<(), Error> {
+        let Some(objects) = self.loaded.objects.as_ref().filter(|_| self.loaded.is_lit) else { return Ok(()) };
+        let passes: Vec<PassId> = objects.passes().collect();
+        Ok(self.executor.submit_passes(&passes)?)
+    }
+
+    /// The objects' own light, where there are some.
+    pub(crate) fn object_light(&self) -> Option<&ObjectLight> {
+        self.loaded.objects.as_ref()
     }
 
     pub(crate) fn stamps(&self) -> Stamps {
@@ -782,7 +880,8 @@ impl LightField {
         let mut plan = self.executor.plan().clone();
         plan.truncate(section);
         plan.begin_section();
-        let mut frame = self.loaded.frame.plan(&self.bake, self.loaded.bounces, &device, plan);
+        let objects = Some(&self.objects).filter(|objects| !objects.is_empty());
+        let mut frame = self.loaded.frame.plan(&self.bake, objects, self.loaded.bounces, &device, plan);
         let made = add(&mut frame, self.loaded.receiver_tables.as_ref())?;
         let FramePlan { plan, tables, .. } = frame;
         self.executor.load_after(plan, section)?;
@@ -849,26 +948,35 @@ fn stands_on_surface(scene: &Scene, point: &SurfacePoint) -> bool {
     !scene.closest_before(start, -point.normal, 2.0 * above).is_miss()
 }
 
+/// What a plan of the light is of.
+struct Content<'a> {
+    bake: &'a Arc<Bake>,
+    scene: &'a Scene,
+    albedo: Option<&'a Albedo>,
+    objects: Option<&'a ObjectTables>,
+}
+
 impl Loaded {
     /// Makes the plan, with the passes of points, loads it and uploads everything that stays.
     fn load(
-        bake: &Arc<Bake>,
-        scene: &Scene,
-        albedo: Option<&Albedo>,
+        content: &Content,
         executor: &mut (dyn Executor + 'static),
         method: &mut dyn Method,
         points: &mut [PointTables],
     ) -> Result<Self, Error> {
+        let Content { bake, scene, albedo, objects } = *content;
         let device = executor.device().clone();
         let bounces = albedo.map_or(bake.bounces, |albedo| albedo.bounces);
         let capacity = scene.lighting.lights.len().next_power_of_two().max(MIN_LIGHTS);
-        let mut frame = FramePlan::new(bake, scene, capacity, bounces, &device);
+        let mut frame = FramePlan::new(bake, scene, objects, capacity, bounces, &device);
         let tables = frame.scene;
         let direct = direct::add(&mut frame, &tables)?;
         let source = source::add(&mut frame, &direct)?;
         let source_passes = source.passes.to_vec();
+        let objects = objects.map(|objects| ObjectLight::new(&mut frame, objects)).transpose()?;
         let own = passes_of(&mut frame, |frame| method.add_passes(frame))?.1;
-        let elements = passes_of(&mut frame, |frame| gather::add_elements(frame, method))?.1;
+        let (element_rows, mut elements) = passes_of(&mut frame, |frame| gather::add_elements(frame, method))?;
+        elements.extend(objects.iter().flat_map(|objects| &objects.after));
         let (receiver_tables, receivers) = passes_of(&mut frame, |frame| gather::add_receivers(frame, method))?;
         let buffers = ReceiverBuffers::of(&frame, &direct);
         let albedo_buffers = AlbedoBuffers::of(&frame, &source);
@@ -891,6 +999,8 @@ impl Loaded {
             elements,
             receivers,
             receiver_tables,
+            element_rows,
+            objects,
             is_lit: false,
             has_receivers: false,
         };

@@ -15,6 +15,7 @@ use crate::light::{LightField, LightSettings, LightUpdate, Stamps, by_name, gath
 use crate::low_level::frame::FramePlan;
 use crate::low_level::stage::finish::FinishTables;
 use crate::low_level::stage::gather::ReceiverTables;
+use crate::low_level::stage::objects::{ObjectLight, Of};
 use crate::low_level::stage::shade::PixelLight;
 use crate::low_level::stage::{display, shade, sky, view};
 use crate::method::MethodSettings;
@@ -228,6 +229,9 @@ impl PictureRenderer {
         }
         if stamps.sky != self.seen.sky {
             self.plan.set_sky(&mut self.light)?;
+        }
+        if stamps.objects != self.seen.objects {
+            self.plan.set_objects(&mut self.light)?;
         }
         if stamps.albedo != self.seen.albedo {
             // Pixels look up their albedo again.
@@ -445,14 +449,18 @@ impl PictureRenderer {
 impl PicturePlan {
     /// Loads the passes on top of a light field's and fills what the first picture finds.
     fn load(light: &mut LightField, settings: &PictureSettings) -> Result<Self, Error> {
-        let mut plan = light.load_on_top(|frame, receivers| Self::add(frame, receivers, settings))?;
+        let objects = light.object_light().cloned();
+        let mut plan =
+            light.load_on_top(|frame, receivers| Self::add(frame, receivers, objects.as_ref(), settings))?;
         let executor = light.executor_mut();
         plan.shade.clear(executor)?;
         if let Some(view) = &plan.view {
             view.clear(executor)?;
             light.forget_receivers();
+            light.light_objects()?;
         }
         plan.set_sky(light)?;
+        plan.set_objects(light)?;
         Ok(plan)
     }
 
@@ -460,13 +468,17 @@ impl PicturePlan {
     fn add(
         frame: &mut FramePlan,
         receivers: Option<&ReceiverTables>,
+        objects: Option<&ObjectLight>,
         settings: &PictureSettings,
     ) -> Result<Self, Error> {
         let tables = frame.scene;
         let indirect = shade::Indirect::of_bake(frame);
         let smooth = receivers.filter(|_| settings.direct == PixelLight::Smooth);
-        let sky = smooth.map(|receivers| sky::add(frame, receivers)).transpose()?;
+        let sky = smooth.map(|receivers| sky::add(frame, receivers, objects)).transpose()?;
         let has_finish = settings.materials == Materials::Gltf && !frame.bake.scene.geometry.finishes.is_empty();
+        if has_finish && objects.is_some() {
+            return Err(Reason::Objects { what: "the finish of surfaces" }.into());
+        }
         let finish = match (smooth, &sky) {
             (Some(receivers), Some(sky)) if has_finish => FinishTables::new(frame, receivers, sky),
             _ if has_finish => return Err(Reason::FinishReceivers.into()),
@@ -486,6 +498,21 @@ impl PicturePlan {
             let bins = sky.bins_of(light.scene());
             sky.set(light.executor_mut(), &bins)?;
             self.has_sky_light = false;
+        }
+        Ok(())
+    }
+
+    /// Takes over what objects cover of the sky, and where they are.
+    fn set_objects(&mut self, light: &mut LightField) -> Result<(), Error> {
+        if let Some(rows) = self.sky.as_mut().and_then(|sky| sky.changing.as_mut()) {
+            let (tables, executor) = light.objects_and_executor();
+            rows.set(executor, &tables.receiver_changes, Of::Sky)?;
+            self.has_sky_light = false;
+        }
+        // Primary rays meet them elsewhere.
+        self.seen_from = None;
+        if let Some(view) = &mut self.view {
+            view.forget_camera();
         }
         Ok(())
     }

@@ -2,6 +2,7 @@
 
 use std::collections::{HashMap, VecDeque};
 use std::fmt;
+use std::ops;
 use std::sync::Arc;
 
 use gpu_kernels::host::{HostBinding, HostCall};
@@ -222,6 +223,15 @@ impl Executor for Cpu {
             return Ok(());
         }
         self.upload_at(buffer, 0, table.bytes())
+    }
+
+    fn share_changed(
+        &mut self,
+        buffer: BufferId,
+        table: Arc<dyn Table>,
+        _changed: &[ops::Range<usize>],
+    ) -> Result<(), ExecutorError> {
+        self.share(buffer, table)
     }
 
     fn set_push(&mut self, pass: PassId, push: &[u8]) -> Result<(), ExecutorError> {

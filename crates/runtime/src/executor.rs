@@ -2,6 +2,7 @@
 
 use std::convert::Infallible;
 use std::fmt;
+use std::ops::Range;
 use std::str::FromStr;
 use std::sync::Arc;
 
@@ -273,6 +274,20 @@ pub trait Executor: Send {
     /// As [`Executor::upload_at`].
     fn share(&mut self, buffer: BufferId, table: Arc<dyn Table>) -> Result<(), ExecutorError> {
         self.upload_at(buffer, 0, table.bytes())
+    }
+
+    /// [`Self::share`] of a table of which only these bytes differ from what the buffer holds.
+    ///
+    /// # Errors
+    /// As [`Self::share`].
+    fn share_changed(
+        &mut self,
+        buffer: BufferId,
+        table: Arc<dyn Table>,
+        changed: &[Range<usize>],
+    ) -> Result<(), ExecutorError> {
+        let mut bytes = changed.iter().filter(|range| !range.is_empty());
+        bytes.try_for_each(|range| self.upload_at(buffer, range.start as u64, &table.bytes()[range.clone()]))
     }
 
     /// Fills a buffer or a picture with zeros, in the order of the uploads. No bytes are transferred, but for pictures

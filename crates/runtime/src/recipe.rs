@@ -24,7 +24,7 @@ use glam::Vec4;
 
 use crate::plan::RANGE_ALIGNMENT;
 
-pub use tables::{Table, Tables};
+pub use tables::{Table, Tables, part_of};
 
 /// Bytes of `count` RGB values: each is a `Vec4` whose last component is unused.
 pub fn rgb_bytes(count: usize) -> u64 {

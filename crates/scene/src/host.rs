@@ -43,4 +43,4 @@ pub use pyramid::{Halver, Pyramid, half};
 pub use receivers::ReceiverSet;
 pub use scene::{Scene, SceneParts};
 pub use sides::{POINT_WALKS, SidePolicy, Sides, find_lit_sides, find_sides, is_open, reachability};
-pub use sky::{SKY_BINS, sky_bin, sky_exitance};
+pub use sky::{SKY_BINS, sky_bin, sky_direction, sky_exitance};

@@ -9,6 +9,7 @@ use runtime::recipe::scene::SceneTables;
 use scene::{Lighting, Rgb, Scene};
 
 use crate::bake::{Bake, ReceiverKind};
+use crate::objects::ObjectTables;
 
 /// Bounces that do not go from patch to patch: to the elements, and to the receivers.
 pub const LAST_BOUNCES: u32 = 2;
@@ -33,6 +34,10 @@ pub struct FramePlan<'a> {
     pub patches: Surfaces,
     /// Surfaces of the elements, into which patches are cut.
     pub elements: Surfaces,
+    /// Exitance of the elements, and behind it that of elements that move.
+    pub exitance: Slice<Rgb>,
+    /// Objects that move, if there are any.
+    pub(crate) objects: Option<&'a ObjectTables>,
     /// Irradiance of receivers, W/m²: of each quadrant of their hemispheres, and then smoothed.
     pub received: Slice<Rgb>,
     /// Irradiance of the interpolation points, W/m²: what pixels take theirs from.
@@ -58,6 +63,7 @@ pub(crate) struct FrameTables {
     pub scene: SceneTables,
     patches: Surfaces,
     elements: Surfaces,
+    exitance: Slice<Rgb>,
     received: Slice<Rgb>,
     interpolated: Slice<Rgb>,
     zeros: Slice<Rgb>,
@@ -70,6 +76,7 @@ impl FrameTables {
             scene: frame.scene,
             patches: frame.patches,
             elements: frame.elements,
+            exitance: frame.exitance,
             received: frame.received,
             interpolated: frame.interpolated,
             zeros: frame.zeros,
@@ -77,9 +84,17 @@ impl FrameTables {
     }
 
     /// A frame's plan that goes on where `plan` ends, without its tables, which are on the device.
-    pub fn plan<'a>(&self, bake: &'a Bake, bounces: u32, device: &'a DeviceInfo, plan: Plan) -> FramePlan<'a> {
+    pub fn plan<'a>(
+        &self,
+        bake: &'a Bake,
+        objects: Option<&'a ObjectTables>,
+        bounces: u32,
+        device: &'a DeviceInfo,
+        plan: Plan,
+    ) -> FramePlan<'a> {
         FramePlan {
             bake,
+            objects,
             bounces,
             device,
             plan,
@@ -87,6 +102,7 @@ impl FrameTables {
             scene: self.scene,
             patches: self.patches,
             elements: self.elements,
+            exitance: self.exitance,
             received: self.received,
             interpolated: self.interpolated,
             zeros: self.zeros,
@@ -96,7 +112,14 @@ impl FrameTables {
 
 impl<'a> FramePlan<'a> {
     /// The buffers of the frames of a bake, whose scene may have another albedo, with a capacity of so many lights.
-    pub(crate) fn new(bake: &'a Bake, scene: &Scene, lights: usize, bounces: u32, device: &'a DeviceInfo) -> Self {
+    pub(crate) fn new(
+        bake: &'a Bake,
+        scene: &Scene,
+        objects: Option<&'a ObjectTables>,
+        lights: usize,
+        bounces: u32,
+        device: &'a DeviceInfo,
+    ) -> Self {
         let mut plan = Plan::new();
         let mut tables = Tables::new();
         let mesh = &bake.mesh;
@@ -109,19 +132,35 @@ impl<'a> FramePlan<'a> {
             irradiance: plan.array("irradiance", bake.irradiance_values()),
             exitance: plan.array("exitance", patch_count),
         };
+        let all_exitance = plan.array("element exitance", columns(bake, objects));
         let elements = Surfaces {
             count: element_count as u32,
             albedo: tables.part(&mut plan, "element albedo", mesh, |mesh| &mesh.element_albedo),
             source: plan.array("element source", element_count),
             irradiance: plan.array("element irradiance", element_count),
-            exitance: plan.array("element exitance", element_count),
+            exitance: all_exitance.part(0, element_count),
         };
         let receivers = &bake.receivers;
         let received = plan.array("received", receivers.first_smooth() + receivers.points.len());
-        let interpolated = plan.array("interpolated", receivers.interpolation.points.len());
+        let interpolated = plan.array("interpolated", interpolation_points(bake, objects));
         let zeros = plan.array("zeros", patch_count.max(element_count));
         let scene = SceneTables::new(&mut plan, &mut tables, scene, lights);
-        Self { bake, bounces, device, plan, tables, scene, patches, elements, received, interpolated, zeros }
+        let exitance = all_exitance;
+        Self {
+            bake,
+            bounces,
+            device,
+            plan,
+            tables,
+            scene,
+            patches,
+            elements,
+            exitance,
+            objects,
+            received,
+            interpolated,
+            zeros,
+        }
     }
 
     /// Bounces from patch to patch: all but the last two, which end at elements and receivers; all where the patches
@@ -136,6 +175,16 @@ impl<'a> FramePlan<'a> {
     /// Returns true if light goes to the elements before it goes to the receivers.
     pub fn has_element_bounce(&self) -> bool {
         self.bounces > 1 && self.bake.settings.receivers != ReceiverKind::Patches
+    }
+
+    /// Columns of rows over the elements: those at rest, then those that move.
+    pub(crate) fn columns(&self) -> usize {
+        columns(self.bake, self.objects)
+    }
+
+    /// Interpolation points of the bake, and behind them the points of objects.
+    pub(crate) fn interpolation_points(&self) -> usize {
+        interpolation_points(self.bake, self.objects)
     }
 
     /// Bytes of a buffer that one binding may show.
@@ -165,6 +214,15 @@ impl<'a> FramePlan<'a> {
         let slices = [self.patches.exitance, self.patches.irradiance, self.elements.irradiance, self.zeros];
         slices.map(|slice| slice.buffer).to_vec()
     }
+}
+
+fn columns(bake: &Bake, objects: Option<&ObjectTables>) -> usize {
+    objects.map_or(bake.mesh.elements.len(), |objects| ObjectTables::first_column(bake) + objects.elements())
+}
+
+fn interpolation_points(bake: &Bake, objects: Option<&ObjectTables>) -> usize {
+    let resting = bake.receivers.interpolation.points.len();
+    objects.map_or(resting, |objects| ObjectTables::first_point(bake) + objects.points())
 }
 
 /// Zeros for so many RGB values.

@@ -9,6 +9,7 @@ pub mod direct;
 pub mod display;
 pub mod finish;
 pub mod gather;
+pub(crate) mod objects;
 pub mod shade;
 pub mod sky;
 pub mod smooth;

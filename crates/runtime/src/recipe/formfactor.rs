@@ -11,7 +11,7 @@ use gpu_kernels::params::CountParams;
 use gpu_kernels::transport::{BouncePass, GatherCsrPass, GatherHitsPass, GatherHitsViewPass};
 use scene::{Hit, Rgb, Scene, SurfacePoint};
 use transport::kernel::hits::WORD_COUNTS;
-use transport::{Csr, HitCounts, HitsParams, LinearOperator as _, Surfaces as RowSurfaces, TriangleGrid, ViewParams};
+use transport::{Csr, HitCounts, HitsParams, Surfaces as RowSurfaces, TriangleGrid, ViewParams};
 
 use super::scene::SceneTables;
 use super::{Tables, row_blocks};
@@ -258,7 +258,7 @@ impl<'a> SurfaceTracer<'a> {
 /// Rows of counts of hits on the device.
 #[derive(Clone, Debug)]
 pub struct HitTables {
-    hits: Arc<HitCounts>,
+    starts: Vec<u32>,
     row_start: Slice<u32>,
     quads: Slice<UVec2>,
     counts: Slice<u32>,
@@ -292,7 +292,7 @@ impl HitTables {
         // Rows of which no ray met anything have no quads, and a binding has at least one.
         let is_empty = hits.quads().is_empty();
         Self {
-            hits: Arc::clone(hits),
+            starts: hits.row_start().to_vec(),
             row_start: tables.part(plan, "row starts", hits, |hits| hits.row_start()),
             quads: match is_empty {
                 true => tables.owned(plan, "quads", vec![UVec2::ZERO]),
@@ -301,6 +301,57 @@ impl HitTables {
             counts: tables.owned(plan, "counts", if is_empty { vec![0] } else { hits.count_words() }),
             scales: tables.part(plan, "scales", hits, |hits| hits.scales()),
         }
+    }
+
+    /// Puts rows on the device of which some change from frame to frame ([`Self::set_row`]).
+    pub fn changing(plan: &mut Plan, tables: &mut Tables, hits: &HitCounts) -> Self {
+        // Not shared: the executor writes to them.
+        let quads = hits.quads();
+        let is_empty = quads.is_empty();
+        Self {
+            starts: hits.row_start().to_vec(),
+            row_start: tables.owned(plan, "row starts", hits.row_start().to_vec()),
+            quads: tables.owned(plan, "quads", if is_empty { vec![UVec2::ZERO] } else { quads.to_vec() }),
+            counts: tables.owned(plan, "counts", if is_empty { vec![0] } else { hits.count_words() }),
+            scales: tables.owned(plan, "scales", hits.scales().to_vec()),
+        }
+    }
+
+    /// Replaces rows of [`Self::changing`] that follow each other, by their quads and counts; each keeps its length,
+    /// and what is missing at the end of one is empty.
+    ///
+    /// # Errors
+    /// What the device says.
+    pub fn set_rows(
+        &self,
+        executor: &mut (dyn Executor + 'static),
+        first_row: usize,
+        rows: &[(Vec<UVec2>, Vec<u8>)],
+        counts: &mut [u8],
+    ) -> Result<(), ExecutorError> {
+        let first = self.starts[first_row] as usize;
+        let end = self.starts[first_row + rows.len()] as usize;
+        let mut quads = vec![UVec2::ZERO; end - first];
+        for (k, (own, own_counts)) in rows.iter().enumerate() {
+            let start = self.starts[first_row + k] as usize;
+            let length = self.starts[first_row + k + 1] as usize - start;
+            let length = length.min(own.len());
+            quads[start - first..start - first + length].copy_from_slice(&own[..length]);
+            let kept = &mut counts[start..self.starts[first_row + k + 1] as usize];
+            kept.fill(0);
+            kept[..length].copy_from_slice(&own_counts[..length]);
+        }
+        if quads.is_empty() {
+            return Ok(());
+        }
+        executor.upload_at(self.quads.buffer, (first * size_of::<UVec2>()) as u64, bytemuck::cast_slice(&quads))?;
+        // Whole words.
+        let words = WORD_COUNTS as usize;
+        let from = first / words * words;
+        let to = end.next_multiple_of(words).min(counts.len());
+        let mut bytes = counts[from..to].to_vec();
+        bytes.resize(bytes.len().next_multiple_of(words), 0);
+        executor.upload_at(self.counts.buffer, from as u64, &bytes)
     }
 
     /// Adds the passes of `irradiance = F exitance`, as many as it takes for no binding to show more than `range`
@@ -354,15 +405,15 @@ impl HitTables {
 
     /// Blocks of rows whose quads fit into one binding.
     fn blocks(&self, range: u64) -> Vec<RowBlock> {
-        let starts = self.hits.row_start();
+        let starts = &self.starts;
         let most = (range / size_of::<UVec2>() as u64).saturating_sub(BLOCK_STEP as u64);
         let fits = |first: usize, end: usize| u64::from(starts[end] - starts[first]) <= most;
-        row_blocks(self.hits.rows(), BLOCK_STEP, fits).into_iter().map(|rows| self.block(rows)).collect()
+        row_blocks(self.starts.len() - 1, BLOCK_STEP, fits).into_iter().map(|rows| self.block(rows)).collect()
     }
 
     fn block(&self, rows: ops::Range<usize>) -> RowBlock {
-        let starts = self.hits.row_start();
-        let last = self.hits.quads().len().saturating_sub(1);
+        let starts = &self.starts;
+        let last = (starts[starts.len() - 1] as usize).saturating_sub(1);
         let first_quad = last.min(starts[rows.start] as usize) / BLOCK_STEP * BLOCK_STEP;
         let quads = (starts[rows.end] as usize - first_quad).max(1);
         let words = quads.div_ceil(WORD_COUNTS as usize);
@@ -397,7 +448,7 @@ mod tests {
             for block in blocks {
                 assert_eq!(block.rows.start, next);
                 next = block.rows.end;
-                let starts = tables.hits.row_start();
+                let starts = &tables.starts;
                 let quads = starts[block.rows.end] - block.first_quad;
                 assert!(starts[block.rows.start] >= block.first_quad && block.first_quad % 256 == 0);
                 let bound = block.quads.range();

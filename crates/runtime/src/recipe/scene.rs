@@ -1,15 +1,18 @@
 //! Recipes of `scene`: its tables on a device, and direct light with or without a medium.
 
+use std::ops::Range;
+use std::sync::Arc;
+
 use glam::Vec3;
 use gpu_kernels::params::{MediumDirectParams, MediumLargeParams};
 use gpu_kernels::scene::{
     DirectLightMediumPass, DirectLightPass, OpenLightPass, SeenLightMediumPass, SeenLightPass, SharpLightMediumPass,
     SharpLightPass,
 };
-use scene::gpu::{DirectParams, EmitterGroup, LargeParams};
-use scene::{Hit, Light, MAX_EMITTER_GROUPS, Rgb, Scene, SurfacePoint};
+use scene::gpu::{BvhNode, DirectParams, EmitterGroup, LargeParams, Triangle, TriangleUv};
+use scene::{Geometry, Hit, Light, MAX_EMITTER_GROUPS, Rgb, Scene, SurfacePoint};
 
-use super::Tables;
+use super::{Tables, part_of};
 use crate::executor::{Executor, ExecutorError};
 use crate::plan::{GeometrySlices, LightSlices, PassId, Plan, Slice};
 
@@ -191,6 +194,22 @@ impl SceneTables {
         groups.resize(MAX_EMITTER_GROUPS, EmitterGroup::default());
         executor.upload(self.groups, &groups)?;
         executor.upload(self.lights.emitters, &scene.emitters)
+    }
+
+    /// Takes over where the meshes of a geometry are that move: one with as many triangles and nodes as that of the plan.
+    ///
+    /// # Errors
+    /// What the device says.
+    pub fn set_moving(&self, executor: &mut dyn Executor, geometry: &Arc<Geometry>) -> Result<(), ExecutorError> {
+        let bytes = |range: Range<usize>, size: usize| range.start * size..range.end * size;
+        let triangles = geometry.moving();
+        let nodes = [bytes(0..1, size_of::<BvhNode>()), bytes(geometry.moving_nodes(), size_of::<BvhNode>())];
+        let changed = [bytes(triangles.clone(), size_of::<Triangle>())];
+        let changed_uvs = [bytes(triangles, size_of::<TriangleUv>())];
+        let Self { geometry: of, .. } = self;
+        executor.share_changed(of.nodes.buffer, part_of(geometry, |g| &g.nodes), &nodes)?;
+        executor.share_changed(of.triangles.buffer, part_of(geometry, |g| &g.triangles), &changed)?;
+        executor.share_changed(of.uvs.buffer, part_of(geometry, |g| &g.uvs), &changed_uvs)
     }
 
     /// Adds the pass of direct irradiance at points, W/m².

@@ -41,6 +41,11 @@ impl<O: Send + Sync + 'static, T: Pod> Table for Part<O, T> {
     }
 }
 
+/// A table that is a part of something shared, for [`Executor::share`].
+pub fn part_of<O: Send + Sync + 'static, T: Pod>(owner: &Arc<O>, part: fn(&O) -> &[T]) -> Arc<dyn Table> {
+    Arc::new(Part { owner: Arc::clone(owner), part })
+}
+
 /// The tables of a plan, and the buffers that they go into.
 #[derive(Default)]
 pub struct Tables {
@@ -61,7 +66,7 @@ impl Tables {
         owner: &Arc<O>,
         part: fn(&O) -> &[T],
     ) -> Slice<T> {
-        self.add(plan, name, Arc::new(Part { owner: Arc::clone(owner), part })).of()
+        self.add(plan, name, part_of(owner, part)).of()
     }
 
     /// A table that belongs to the plan alone.

@@ -27,6 +27,11 @@ pub fn sky_bin(direction: Vec3) -> u32 {
     ring.min(RINGS - 1) * RING_BINS + (azimuth as u32).min(RING_BINS - 1)
 }
 
+/// The direction of the middle of a bin.
+pub fn sky_direction(bin: u32) -> Vec3 {
+    bin_direction(bin, (0.5, 0.5))
+}
+
 /// Exitance of each bin, `[SKY_BINS]`, W/m²: π times its mean radiance. A point receives its sum over the bins, each
 /// times the share of the point's cosine-weighted hemisphere that sees the sky there: exact for a sky that is even in
 /// each bin, as one without a map is.

@@ -131,6 +131,64 @@ impl HitCounts {
         Ok(mapped)
     }
 
+    /// Copy over more columns, with one empty quad more at the end of each row that `has_room`: for
+    /// [`Self::redirected`].
+    ///
+    /// # Errors
+    /// [`Error::TooMany`] columns or quads.
+    pub fn with_room(&self, columns: usize, has_room: impl Fn(usize) -> bool) -> Result<Self, Error> {
+        let mut copy = Self::new(columns.max(self.columns))?;
+        copy.quads.reserve(self.quads.len());
+        copy.counts.reserve(self.counts.len());
+        copy.row_start.reserve(self.scales.len());
+        for row in 0..self.scales.len() {
+            let own = self.row_start[row] as usize..self.row_start[row + 1] as usize;
+            copy.quads.extend_from_slice(&self.quads[own.clone()]);
+            copy.counts.extend_from_slice(&self.counts[own]);
+            if has_room(row) {
+                copy.quads.push(UVec2::ZERO);
+                copy.counts.push(0);
+            }
+            let found = copy.quads.len() as u64;
+            if found > u64::from(u32::MAX) {
+                return Err(Error::TooMany { name: "quads", found, limit: u64::from(u32::MAX) });
+            }
+            copy.row_start.push(found as u32);
+        }
+        copy.scales.clone_from(&self.scales);
+        Ok(copy)
+    }
+
+    /// Quads and counts of a row with other columns in place of its own, and some hits more on one column, up to 255,
+    /// which fill a quad of their own.
+    pub fn redirected(
+        &self,
+        row: usize,
+        column: impl Fn(u32) -> u32,
+        more: Option<(u32, u32)>,
+    ) -> (Vec<UVec2>, Vec<u8>) {
+        let own = self.row_start[row] as usize..self.row_start[row + 1] as usize;
+        let quad = |quad: &UVec2| {
+            let [a, b, c, d] = [quad.x & 0xffff, quad.x >> 16, quad.y & 0xffff, quad.y >> 16].map(&column);
+            UVec2::new(a | b << 16, c | d << 16)
+        };
+        let mut quads: Vec<UVec2> = self.quads[own.clone()].iter().map(quad).collect();
+        let mut counts = self.counts[own].to_vec();
+        if let Some((column, hits)) = more {
+            let two = column | column << 16;
+            quads.push(UVec2::new(two, two));
+            counts.push(hits.min(u32::from(u8::MAX)) as u8);
+        }
+        (quads, counts)
+    }
+
+    /// Columns of a row's quads, as often as they stand there.
+    pub fn quad_columns(&self, row: usize) -> impl Iterator<Item = u32> + '_ {
+        let own = self.row_start[row] as usize..self.row_start[row + 1] as usize;
+        let columns = |quad: &UVec2| [quad.x & 0xffff, quad.x >> 16, quad.y & 0xffff, quad.y >> 16];
+        self.quads[own].iter().flat_map(columns)
+    }
+
     /// Adds rows that are coded.
     fn add(&mut self, coded: Vec<Row>, scales: &[f32]) -> Result<(), Error> {
         let found = (self.quads.len() + coded.iter().map(|row| row.quads.len()).sum::<usize>()) as u64;

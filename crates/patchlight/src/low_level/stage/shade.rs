@@ -1,6 +1,8 @@
 //! Pixels: sub-frames of primary rays, direct light, indirect light from the interpolation points or from the patches
 //! about, and shading.
 
+use std::sync::Arc;
+
 use gpu_kernels::params::{CountParams, FollowParams, PixelParams};
 use gpu_kernels::scene::{AlbedoPass, ChainShadePass, ChainSurfacePass, FollowPass, PrimaryPass, ShadePass};
 use gpu_kernels::transport::InterpolatePass;
@@ -249,7 +251,8 @@ impl Indirect {
             let values = frame.patches.irradiance;
             return Self::Patches { lookup: LookupTables::new(plan, tables, lookup), values };
         }
-        let points = &frame.bake.receivers.interpolation;
+        let with_objects = frame.objects.map(|objects| Arc::new(objects.interpolation(frame.bake)));
+        let points = with_objects.as_ref().unwrap_or(&frame.bake.receivers.interpolation);
         Self::Interpolation {
             grids: tables.part(plan, "grids", points, |points| &points.grids),
             receiver_cells: tables.part(plan, "receiver_cells", points, |points| &points.cells),

@@ -67,7 +67,7 @@ pub fn add(
     let receivers = &frame.bake.receivers;
     let count = receivers.points.len();
     let first_smooth = receivers.first_smooth();
-    let point_count = receivers.interpolation.points.len();
+    let point_count = frame.interpolation_points();
     let points = new_rows(frame, point_count);
     let received = new_rows(frame, first_smooth + count);
     let quadrants = part(received, 0, QUADRANTS * count);
@@ -75,7 +75,7 @@ pub fn add(
     let quadrant_values = frame.received.part(0, QUADRANTS * count);
     let smooth_values = frame.received.part(first_smooth, count);
     let range = frame.binding_bytes();
-    let exitance = frame.elements.exitance;
+    let exitance = frame.exitance;
     let plan = &mut frame.plan;
 
     let Some(of_bands) = mark_bands(plan, scene, indirect, shade, points.marks)? else { return Ok(None) };
@@ -172,6 +172,11 @@ impl View {
         let count = marks[..QUADRANTS * receivers].chunks(QUADRANTS).filter(|quadrants| in_view(quadrants)).count();
         let points = executor.download_table(self.points)?;
         Ok((count, points.iter().filter(|&&mark| is_needed(mark, self.view)).count()))
+    }
+
+    /// What the camera shows has moved.
+    pub fn forget_camera(&mut self) {
+        self.camera = None;
     }
 
     /// Makes the passes ready for a camera, and for another light where it `is_lit_anew`; says whether the camera is

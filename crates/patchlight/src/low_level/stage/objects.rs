@@ -1,0 +1,286 @@
+//! Objects that move: the light that they receive and send, W/m², and rows of others that change with them.
+//!
+//! Before the last two bounces the elements of objects have what direct light and the sky give them; after the first of
+//! these, what their points receive of the elements, too. Receivers then see them among the elements.
+
+use std::sync::Arc;
+
+use glam::{UVec2, Vec4};
+use gpu_kernels::params::CountParams;
+use gpu_kernels::pass::KernelPass;
+use gpu_kernels::transport::{BouncePass, GatherCsrPass};
+use runtime::executor::{Executor, ExecutorError};
+use runtime::plan::{PassId, Plan, Slice};
+use runtime::recipe::Tables;
+use runtime::recipe::formfactor::HitTables;
+use runtime::recipe::scene::PassMedium;
+use scene::gpu::DirectParams;
+use scene::{Rgb, SKY_BINS, Scene, SurfacePoint, sky_exitance};
+use transport::{Csr, HitCounts};
+
+use super::direct::{self, PointLight};
+use crate::error::Error;
+use crate::low_level::frame::FramePlan;
+use crate::objects::{ObjectTables, Placed};
+use crate::objects::rows::RowChange;
+
+/// Name of the passes.
+pub const PASS: &str = "objects";
+
+/// Sparse rows that are made anew in each frame.
+#[derive(Clone, Copy, Debug)]
+struct ChangingCsr {
+    rows: usize,
+    row_start: Slice<u32>,
+    columns: Slice<u32>,
+    values: Slice<f32>,
+}
+
+impl ChangingCsr {
+    fn new(plan: &mut Plan, rows: usize, entries: usize) -> Self {
+        Self {
+            rows,
+            row_start: plan.array("object row starts", rows + 1),
+            columns: plan.array("object columns", entries.max(1)),
+            values: plan.array("object values", entries.max(1)),
+        }
+    }
+
+    fn gather(self, plan: &mut Plan, exitance: Slice<Rgb>, irradiance: Slice<Rgb>) -> Result<PassId, ExecutorError> {
+        let Self { row_start, columns, values, rows } = self;
+        let count = rows as u32;
+        let pass = GatherCsrPass { row_start, columns, values, exitance, irradiance };
+        Ok(plan.add(PASS, &pass, &CountParams { count })?)
+    }
+
+    fn set(self, executor: &mut (dyn Executor + 'static), rows: &Csr) -> Result<(), ExecutorError> {
+        executor.upload(self.row_start, &rows.row_start)?;
+        executor.upload_at(self.columns.buffer, 0, bytemuck::cast_slice(&rows.column_index))?;
+        executor.upload_at(self.values.buffer, 0, bytemuck::cast_slice(&rows.values))
+    }
+}
+
+/// The light of objects on the device.
+#[derive(Clone, Debug)]
+pub struct ObjectLight {
+    points: Slice<SurfacePoint>,
+    direct: PointLight,
+    params: DirectParams,
+    medium: PassMedium,
+    bins: Slice<Rgb>,
+    albedo: Slice<Rgb>,
+    rows: ChangingCsr,
+    sky_rows: ChangingCsr,
+    /// Passes to what elements send without light from others.
+    pub before: Vec<PassId>,
+    /// From there to what points receive of others, and elements send of it.
+    pub after: Vec<PassId>,
+    exitance: Slice<Rgb>,
+    mean: Csr,
+}
+
+impl ObjectLight {
+    /// Adds the buffers, and the passes before the last two bounces.
+    ///
+    /// # Errors
+    /// What the plan says.
+    pub fn new(frame: &mut FramePlan, objects: &ObjectTables) -> Result<Self, Error> {
+        let count = objects.points();
+        let elements = objects.elements();
+        let entries = count * objects.rays as usize;
+        let exitance = frame.exitance.part(ObjectTables::first_column(frame.bake), elements);
+        let received = frame.interpolated.part(ObjectTables::first_point(frame.bake), count);
+        let scene = frame.scene;
+        let first = frame.plan.passes().len();
+        let plan = &mut frame.plan;
+        let points = plan.array("object points", count);
+        let params = DirectParams { count: count as u32, first: 0, sky_rays: 0, ..frame.bake.direct };
+        let direct = direct::at_points(plan, &scene, points, &params)?;
+        let mut light = Self {
+            points,
+            direct,
+            params,
+            medium: scene.medium(),
+            bins: plan.array("object sky bins", SKY_BINS),
+            albedo: plan.array("object albedo", elements),
+            rows: ChangingCsr::new(plan, count, entries),
+            sky_rows: ChangingCsr::new(plan, count, entries),
+            before: Vec::new(),
+            after: Vec::new(),
+            exitance,
+            mean: objects.means()?,
+        };
+        let from_sky = plan.array("object sky", count);
+        light.sky_rows.gather(plan, light.bins, from_sky)?;
+        let ones = frame.tables.owned(plan, "object ones", vec![Vec4::ONE; count]);
+        let own = plan.array("object light", count);
+        let sum = BouncePass { source: direct.irradiance, albedo: ones, irradiance: from_sky, exitance: own };
+        add(plan, &sum, count)?;
+        let mean = [
+            frame.tables.owned(plan, "object mean starts", light.mean.row_start.clone()),
+            frame.tables.owned(plan, "object mean columns", light.mean.column_index.clone()),
+        ];
+        let shares = frame.tables.owned(plan, "object mean shares", light.mean.values.clone());
+        let zeros = frame.tables.owned(plan, "object zeros", vec![Vec4::ZERO; elements]);
+        let of_elements = plan.array("object irradiance", elements);
+        let send = |plan: &mut Plan, light: &Self, from: Slice<Rgb>| {
+            let [row_start, columns] = mean;
+            let pass = GatherCsrPass { row_start, columns, values: shares, exitance: from, irradiance: of_elements };
+            add(plan, &pass, elements)?;
+            let Self { albedo, exitance, .. } = *light;
+            add(plan, &BouncePass { source: zeros, albedo, irradiance: of_elements, exitance }, elements)
+        };
+        send(plan, &light, own)?;
+        light.before = plan.all_passes().split_off(first);
+        let all = plan.array("object light of all", count);
+        let first = plan.passes().len();
+        light.rows.gather(plan, frame.exitance, received)?;
+        let sum = BouncePass { source: own, albedo: ones, irradiance: received, exitance: all };
+        add(plan, &sum, count)?;
+        send(plan, &light, all)?;
+        light.after = plan.all_passes().split_off(first);
+        Ok(light)
+    }
+
+    /// Irradiance of the points from the sky, for pictures, added to a plan: into a part of `interpolated`.
+    ///
+    /// # Errors
+    /// What the plan says.
+    pub fn add_sky(
+        &self,
+        plan: &mut Plan,
+        bins: Slice<Rgb>,
+        interpolated: Slice<Rgb>,
+    ) -> Result<PassId, ExecutorError> {
+        self.sky_rows.gather(plan, bins, interpolated)
+    }
+
+    /// Takes over the places and rows of all points, and the albedo of the elements.
+    ///
+    /// # Errors
+    /// What the device says.
+    pub fn set(
+        &self,
+        executor: &mut (dyn Executor + 'static),
+        Placed { points, rows: [rows, sky_rows], albedo }: &Placed,
+    ) -> Result<(), ExecutorError> {
+        executor.upload(self.points, points)?;
+        executor.upload(self.albedo, albedo)?;
+        self.rows.set(executor, rows)?;
+        self.sky_rows.set(executor, sky_rows)
+    }
+
+    /// Takes over the lights and the sky of a scene.
+    ///
+    /// # Errors
+    /// What the device says.
+    pub fn set_lighting(&self, executor: &mut (dyn Executor + 'static), scene: &Scene) -> Result<(), ExecutorError> {
+        let params = DirectParams {
+            light_count: scene.lighting.lights.len() as u32,
+            emitter_count: scene.emitters.len() as u32,
+            ..self.params
+        };
+        self.medium.push_direct(executor, self.direct.pass, &params)?;
+        executor.upload(self.bins, &sky_exitance(&scene.lighting))
+    }
+
+    /// All passes of the objects' own light.
+    pub fn passes(&self) -> impl Iterator<Item = PassId> + '_ {
+        self.before.iter().chain(&self.after).copied()
+    }
+}
+
+/// Adds a pass of so many invocations.
+fn add<P: KernelPass<Push = CountParams>>(plan: &mut Plan, pass: &P, count: usize) -> Result<(), ExecutorError> {
+    plan.add(PASS, pass, &CountParams { count: count as u32 })?;
+    Ok(())
+}
+
+/// Rows on the device of which objects change some.
+#[derive(Clone, Debug)]
+pub struct ChangingRows {
+    /// The rows.
+    pub tables: HitTables,
+    before: Arc<HitCounts>,
+    /// Counts as they are on the device.
+    counts: Vec<u8>,
+    /// Rows of an item: an element, or the quadrants of a receiver.
+    parts: usize,
+    changed: Vec<u32>,
+}
+
+/// What objects change of rows.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Of {
+    /// Columns that are elements.
+    Elements,
+    /// Columns that are bins of the sky.
+    Sky,
+}
+
+impl ChangingRows {
+    /// Puts rows on the device with room for what changes: `columns` in all, and a quad more where `has_room`.
+    ///
+    /// # Errors
+    /// More columns than can be numbered.
+    pub fn new(
+        plan: &mut Plan,
+        tables: &mut Tables,
+        rows: &Arc<HitCounts>,
+        columns: usize,
+        parts: usize,
+        has_room: impl Fn(usize) -> bool,
+    ) -> Result<Self, Error> {
+        let roomy = rows.with_room(columns, has_room)?;
+        Ok(Self {
+            tables: HitTables::changing(plan, tables, &roomy),
+            before: Arc::clone(rows),
+            counts: roomy.counts().to_vec(),
+            parts,
+            changed: Vec::new(),
+        })
+    }
+
+    /// Makes the rows those of these changes, and of no others.
+    ///
+    /// # Errors
+    /// What the device says.
+    pub fn set(
+        &mut self,
+        executor: &mut (dyn Executor + 'static),
+        changes: &[RowChange],
+        of: Of,
+    ) -> Result<(), ExecutorError> {
+        let mut items: Vec<u32> = changes.iter().map(|change| change.item).chain(self.changed.drain(..)).collect();
+        items.sort_unstable();
+        items.dedup();
+        // Neighbours together.
+        for run in items.chunk_by(|a, b| a + 1 == *b) {
+            let rows: Vec<(Vec<UVec2>, Vec<u8>)> = run.iter().flat_map(|&item| self.rows(item, changes, of)).collect();
+            self.tables.set_rows(executor, self.parts * run[0] as usize, &rows, &mut self.counts)?;
+        }
+        self.changed = changes.iter().map(|change| change.item).collect();
+        Ok(())
+    }
+
+    /// Rows of an item.
+    fn rows(&self, item: u32, changes: &[RowChange], of: Of) -> Vec<(Vec<UVec2>, Vec<u8>)> {
+        let change = changes.binary_search_by_key(&item, |change| change.item).ok().map(|k| &changes[k]);
+        let row = |part: usize| {
+            let row = self.parts * item as usize + part;
+            match (change, of) {
+                (None, _) => self.before.redirected(row, |column| column, None),
+                (Some(change), Of::Elements) => {
+                    self.before.redirected(row, |column| change.column(column), change.more[part])
+                }
+                // The bin behind the last is dark.
+                (Some(change), Of::Sky) => {
+                    let is_covered = |bin: &u32| change.bins.binary_search(bin).is_ok();
+                    let dark = |bin: u32| if is_covered(&bin) { SKY_BINS as u32 } else { bin };
+                    self.before.redirected(row, dark, None)
+                }
+            }
+        };
+        (0..self.parts).map(row).collect()
+    }
+}
