@@ -2,14 +2,18 @@
 
 use assets::import::LoadedScene;
 use assets::procedural;
-use glam::{Affine3A, Vec3};
+use glam::{Affine3A, Quat, Vec3};
 use integration_tests::setup::Setup;
 use integration_tests::vulkan;
-use patchlight::{PictureRenderer, Pictures, ReceiverUpdate};
+use patches::PatchKind;
+use patchlight::method::FirstShotSettings;
+use patchlight::{
+    ErrorKind, MethodSettings, ObjectId, PictureRenderer, Pictures, ReceiverKind, ReceiverUpdate, Silent,
+};
 use reference::{Accumulation, PathSettings, PathTracer, Strategy};
 use runtime::executor::{DeviceChoice, Executor, open};
 use scene::math::luminance;
-use scene::{Material, MaterialId, Mesh, Picture, Scene, SceneParts};
+use scene::{Material, MaterialId, Mesh, NONE, Picture, Scene, SceneParts, SurfacePoint};
 
 const SIZE: (u32, u32) = (128, 96);
 /// Edge of the blocks that are compared, pixels.
@@ -95,15 +99,19 @@ fn difference(found: &Picture, expected: &Picture) -> f32 {
 
 #[test]
 fn an_object_takes_and_gives_light_as_paths_say() {
-    for (name, half, at) in [
-        ("cornell", Vec3::new(0.06, 0.05, 0.06), Vec3::new(0.4, 0.0502, 0.06)),
-        ("office", Vec3::new(0.3, 0.8, 0.3), Vec3::new(0.0, 0.81, 0.0)),
+    for (name, half, at, radiance) in [
+        ("cornell", Vec3::new(0.06, 0.05, 0.06), Vec3::new(0.4, 0.0502, 0.06), 0.0),
+        ("cornell", Vec3::new(0.06, 0.05, 0.06), Vec3::new(0.4, 0.2, 0.06), 2.0),
+        ("office", Vec3::new(0.4, 0.5, 0.4), Vec3::new(2.4, 0.501, 2.9), 0.0),
     ] {
-        let (loaded, red) = scene_with_red(name);
-        println!("{name} bounds {:?} eye {:?}", loaded.scene.geometry.bounds, loaded.view.eye);
+        let (mut loaded, red) = scene_with_red(name);
+        let mut lighting = loaded.scene.lighting.clone();
+        lighting.emission.resize(loaded.scene.materials.len(), Vec3::ZERO);
+        lighting.emission[red.index()] = Vec3::splat(radiance);
+        loaded.scene.set_lighting(lighting).unwrap();
         let positions = corners(half);
         let mesh = Mesh { positions: &positions, material: red, ..Mesh::default() };
-        let transform = Affine3A::from_rotation_translation(glam::Quat::from_rotation_y(0.4), at);
+        let transform = Affine3A::from_rotation_translation(Quat::from_rotation_y(0.4), at);
         let expected = traced(&with_box(&loaded, mesh, transform), &loaded, 256);
         let without = traced(&loaded.scene, &loaded, 256);
         let mut renderer = setup().renderer(&loaded, cpu()).unwrap();
@@ -114,27 +122,122 @@ fn an_object_takes_and_gives_light_as_paths_say() {
             ("direct", &found.direct, &bare.direct, expected.direct(), without.direct()),
             ("indirect", &found.indirect, &bare.indirect, expected.indirect(), without.indirect()),
         ] {
-            let mean = |p: &Picture| luminance(p.mean());
-            println!(
-                "{name} {part}: wrong {:.4} bare {:.4} change {:.4} energy {:.4} bare energy {:.4}",
-                difference(found, &expected),
-                difference(bare, &without),
-                difference(&without, &expected),
-                mean(found) / mean(&expected),
-                mean(bare) / mean(&without),
-            );
-            if let Ok(folder) = std::env::var("OBJECTS_OUT") {
-                for (kind, picture) in [("found", found), ("expected", &expected)] {
-                    let path = format!("{folder}/{name}-{part}-{kind}.ppm");
-                    let mut text = format!("P3 {} {} 255\n", SIZE.0, SIZE.1);
-                    for c in &picture.pixels {
-                        let c = (*c * 1.0 / (mean(&expected) * 2.5)).clamp(Vec3::ZERO, Vec3::ONE);
-                        text += &c.to_array().map(|x| ((x.powf(1.0 / 2.2)) * 255.0) as u32).map(|x| x.to_string()).join(" ");
-                        text += "\n";
-                    }
-                    std::fs::write(path, text).unwrap();
-                }
-            }
+            let wrong = difference(found, &expected);
+            let wrong_without = difference(bare, &without);
+            let change = difference(&without, &expected);
+            println!("{name} {part}: {wrong} with, {wrong_without} without, {change} between them");
+            // Hardly more is wrong than without the object, which changes far more.
+            assert!(wrong < wrong_without + 0.15 * change, "{name} {part}");
+            assert!(difference(bare, &expected) > 1.5 * wrong, "{name} {part}: the picture without it is as good");
         }
     }
+}
+
+/// A cornell box with a red box in it, small.
+fn small(executor: Box<dyn Executor>, change: impl FnOnce(&mut Setup)) -> (PictureRenderer, LoadedScene, ObjectId) {
+    let (loaded, red) = scene_with_red("cornell");
+    let mut setup = Setup { patch_count: 200, most_receivers: Some(1000), receiver_rays: 128, ..setup() };
+    setup.size = (40, 30);
+    setup.sub_frames = 2;
+    change(&mut setup);
+    let positions = corners(Vec3::new(0.06, 0.05, 0.06));
+    let mesh = Mesh { positions: &positions, material: red, ..Mesh::default() };
+    let mut renderer = setup.renderer(&loaded, executor).unwrap();
+    let id = renderer.light_mut().objects().insert(&mesh, place(0)).unwrap();
+    (renderer, loaded, id)
+}
+
+fn place(k: u32) -> Affine3A {
+    let at = [Vec3::new(0.4, 0.0502, 0.06), Vec3::new(0.25, 0.2, 0.2), Vec3::new(0.1, 0.0502, 0.1)][k as usize];
+    Affine3A::from_rotation_translation(Quat::from_rotation_y(k as f32), at)
+}
+
+fn pixels(renderer: &mut PictureRenderer, loaded: &LoadedScene) -> [Vec<Vec3>; 2] {
+    let (width, height) = renderer.size();
+    let camera = loaded.view.camera(width, height);
+    let pictures = renderer.picture(&loaded.scene.lighting, &camera, 0).unwrap().pictures;
+    [pictures.direct.pixels, pictures.indirect.pixels]
+}
+
+#[test]
+fn light_depends_on_where_an_object_is_and_not_on_its_way() {
+    let (mut renderer, loaded, id) = small(cpu(), |_| ());
+    let first = pixels(&mut renderer, &loaded);
+    for k in [1, 2] {
+        assert!(renderer.light_mut().objects().set_transform(id, place(k)).unwrap());
+        assert!(pixels(&mut renderer, &loaded) != first, "nothing has moved");
+    }
+    renderer.light_mut().objects().set_transform(id, place(0)).unwrap();
+    assert!(pixels(&mut renderer, &loaded) == first, "the way is seen");
+    // Two, and the other one alone.
+    let positions = corners(Vec3::splat(0.05));
+    let mesh = Mesh { positions: &positions, ..Mesh::default() };
+    let other = renderer.light_mut().objects().insert(&mesh, place(2)).unwrap();
+    assert_eq!(renderer.light_mut().objects().ids(), [id, other]);
+    assert!(pixels(&mut renderer, &loaded) != first);
+    renderer.light_mut().objects().remove(other).unwrap();
+    assert!(pixels(&mut renderer, &loaded) == first, "an object that is gone is seen");
+    // None: as if there had never been one.
+    renderer.light_mut().objects().remove(id).unwrap();
+    let bare = pixels(&mut renderer, &loaded);
+    assert!(bare != first);
+    let (mut fresh, loaded, id) = small(cpu(), |_| ());
+    fresh.light_mut().objects().remove(id).unwrap();
+    assert!(pixels(&mut fresh, &loaded) == bare);
+    assert!(!fresh.light_mut().objects().set_transform(id, place(1)).unwrap());
+    assert!(fresh.light_mut().objects().transform(id).is_none());
+}
+
+#[test]
+fn both_executors_and_views_give_the_same_pictures() {
+    let walk = |executor: Box<dyn Executor>, receivers: ReceiverUpdate| {
+        let (mut renderer, loaded, id) = small(executor, |setup| setup.receivers_updated = receivers);
+        let mut all = vec![pixels(&mut renderer, &loaded)];
+        for k in [1, 2] {
+            renderer.light_mut().objects().set_transform(id, place(k)).unwrap();
+            all.push(pixels(&mut renderer, &loaded));
+        }
+        // Another light in the last place.
+        let mut brighter = loaded.clone();
+        brighter.scene.lighting.lights.iter_mut().for_each(|light| light.color *= 2.0);
+        brighter.scene.lighting.sky.radiance = Vec3::ONE;
+        all.push(pixels(&mut renderer, &brighter));
+        all
+    };
+    let expected = walk(cpu(), ReceiverUpdate::All);
+    assert!(walk(cpu(), ReceiverUpdate::InView) == expected, "what is in view differs");
+    let Some(vulkan) = vulkan() else { return };
+    assert!(walk(Box::new(vulkan), ReceiverUpdate::InView) == expected, "Vulkan differs");
+}
+
+#[test]
+fn what_serves_no_objects_says_so() {
+    let (mut renderer, loaded, id) = small(cpu(), |_| ());
+    let light = renderer.light_mut();
+    let positions = corners(Vec3::splat(0.05));
+    let mesh = |material: usize| Mesh {
+        positions: &positions,
+        material: MaterialId::of_scene(material),
+        ..Mesh::default()
+    };
+    let mut refused = |mesh: Mesh, transform: Affine3A| {
+        light.objects().insert(&mesh, transform).unwrap_err().to_string()
+    };
+    assert!(refused(mesh(99), place(0)).contains("material is number 99"));
+    assert!(refused(mesh(0), Affine3A::from_scale(Vec3::new(1.0, 0.0, 1.0))).contains("flattens"));
+    assert!(light.objects().set_transform(id, Affine3A::from_translation(Vec3::NAN)).is_err());
+    let error = light.set_method(MethodSettings::FirstShot(FirstShotSettings::default()), &Silent).unwrap_err();
+    assert_eq!(error.kind(), ErrorKind::Unsupported);
+    // What was refused has changed nothing.
+    let point = SurfacePoint { position: Vec3::splat(0.2), patch: NONE, normal: Vec3::Y, weight: 1.0 };
+    light.update(&loaded.scene.lighting).unwrap();
+    assert!(light.irradiance_at(&[point]).unwrap()[0].min_element() > 0.0);
+    assert_eq!(light.objects().ids(), [id]);
+    assert_eq!(light.surface_irradiance().unwrap().len(), light.bake().receivers().interpolation.points.len());
+    let (loaded, red) = scene_with_red("cornell");
+    let setup = Setup { patches: PatchKind::Voxel, receivers: ReceiverKind::Patches, patch_count: 100, ..Setup::default() };
+    let mut renderer = setup.renderer(&loaded, cpu()).unwrap();
+    let mesh = Mesh { positions: &positions, material: red, ..Mesh::default() };
+    let error = renderer.light_mut().objects().insert(&mesh, place(0)).unwrap_err();
+    assert!(error.kind() == ErrorKind::Unsupported && error.to_string().contains("receivers on the mesh"), "{error}");
 }

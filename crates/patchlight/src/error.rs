@@ -391,12 +391,6 @@ pub(crate) enum Reason {
     /// A mesh of an object that makes no sense.
     #[error("the object: {0}")]
     ObjectMesh(scene::MeshFault),
-    /// An object of a material that shines.
-    #[error("the object's material, number {material}, shines; give it one that does not, and a light that moves along")]
-    ObjectShines {
-        /// The material.
-        material: usize,
-    },
     /// An object that is nowhere, flat or inside out.
     #[error(
         "the object's transform has the determinant {determinant} and leads to {translation}; give a finite one that \

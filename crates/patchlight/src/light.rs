@@ -820,7 +820,10 @@ impl LightField {
     fn move_objects(&mut self) -> Result<bool, Error> {
         let Some(light) = self.loaded.objects.as_ref().filter(|_| self.objects.is_moved()) else { return Ok(false) };
         let executor = self.executor.as_mut();
-        self.scene.geometry = self.objects.place(&self.scene.geometry)?;
+        let geometry = self.objects.place(&self.scene.geometry)?;
+        if self.scene.set_moved(geometry) {
+            self.loaded.frame.scene.set_sky_and_emission(executor, &self.scene)?;
+        }
         self.loaded.frame.scene.set_moving(executor, &self.scene.geometry)?;
         let placed = self.objects.find(&self.bake, &self.scene)?;
         light.set(executor, &placed)?;

@@ -10,7 +10,7 @@ pub(crate) mod shape;
 
 use std::sync::Arc;
 
-use glam::{Affine3A, Vec3, Vec4};
+use glam::{Affine3A, Vec4};
 use patches::InterpolationMesh;
 use runtime::plan::RANGE_ALIGNMENT;
 use scene::{Geometry, Mesh, MovingMesh, Scene, SurfacePoint};
@@ -139,7 +139,7 @@ impl ObjectTables {
         let mut scene = bake.scene.clone();
         if !self.is_empty() {
             let meshes: Vec<_> = self.objects.iter().map(|object| Arc::clone(&object.mesh)).collect();
-            scene.geometry = Arc::new(scene.geometry.with_moving(&meshes, &self.transforms())?);
+            scene.set_moved(Arc::new(scene.geometry.with_moving(&meshes, &self.transforms())?));
         }
         Ok(scene)
     }
@@ -212,8 +212,8 @@ impl LightField {
 }
 
 impl Objects<'_> {
-    /// Adds a mesh of one of the scene's materials ([`scene::MaterialId::of_scene`]), which must not shine; its own
-    /// transform comes before `transform`. Triangles reflect and receive on their front sides: meshes are closed. Each
+    /// Adds a mesh of one of the scene's materials ([`scene::MaterialId::of_scene`]); its own transform comes before
+    /// `transform`. Triangles reflect and receive on their front sides: meshes are closed. Each
     /// is an element, so a few hundred are best. The plan of the light is made anew.
     ///
     /// # Errors
@@ -226,12 +226,7 @@ impl Objects<'_> {
             return Err(Reason::Objects { what: "the method firstshot" }.into());
         }
         check_transform(&transform)?;
-        let materials = &light.scene().materials;
-        let own = MovingMesh::new(mesh, materials.len()).map_err(Reason::ObjectMesh)?;
-        let material = &materials[mesh.material.index()];
-        if material.radiance != Vec3::ZERO {
-            return Err(Reason::ObjectShines { material: mesh.material.index() }.into());
-        }
+        let own = MovingMesh::new(mesh, light.scene().materials.len()).map_err(Reason::ObjectMesh)?;
         let shape = Shape::new(&own);
         let mut objects = light.object_tables().clone();
         let id = ObjectId(objects.count);

@@ -148,6 +148,22 @@ impl Scene {
         Ok(())
     }
 
+    /// Takes a geometry with the same materials, whose meshes that move stand elsewhere. Returns true if some of them
+    /// shine: emitters are found anew then.
+    pub fn set_moved(&mut self, geometry: Arc<Geometry>) -> bool {
+        self.geometry = geometry;
+        let mut moving = self.geometry.moving();
+        let shines = moving.any(|t| {
+            let material = self.geometry.triangles[t].material;
+            self.materials[material as usize].radiance != Vec3::ZERO
+        });
+        if shines {
+            self.emitters = find_emitters(&self.tables()).into();
+            self.emitter_groups = group_emitters(&self.tables(), &self.emitters).into();
+        }
+        shines
+    }
+
     /// Replaces the lights that are not geometry. Luminaires among them must pass [`Lighting::check_lights`].
     pub fn set_lights(&mut self, lights: &[Light]) {
         self.lighting.lights.clear();
