@@ -125,7 +125,11 @@ fn an_object_takes_and_gives_light_as_paths_say() {
             let wrong = difference(found, &expected);
             let wrong_without = difference(bare, &without);
             let change = difference(&without, &expected);
-            println!("{name} {part}: {wrong} with, {wrong_without} without, {change} between them");
+            let energy = |found: &Picture, expected: &Picture| luminance(found.mean()) / luminance(expected.mean());
+            let (own, own_without) = (energy(found, &expected), energy(bare, &without));
+            println!(
+                "{name} {part}: {wrong} with, {wrong_without} without, {change} between them; mean {own}, {own_without}"
+            );
             // Hardly more is wrong than without the object, which changes far more.
             assert!(wrong < wrong_without + 0.15 * change, "{name} {part}");
             assert!(difference(bare, &expected) > 1.5 * wrong, "{name} {part}: the picture without it is as good");

@@ -37,6 +37,8 @@ use crate::settings::setters;
 
 /// Rays of a row of [`LightField::irradiance_at`].
 const POINT_RAYS: u32 = 4096;
+/// Rounds in which light of the method is found with what objects change of it.
+const OBJECT_ROUNDS: usize = 4;
 /// Capacity for lights, at least.
 const MIN_LIGHTS: usize = 16;
 
@@ -479,12 +481,32 @@ impl LightField {
         let to_receivers: &[PassId] = if receivers { &loaded.receivers } else { &[] };
         let to_points = self.points.iter().flat_map(|points| &points.passes);
         let after = loaded.elements.iter().chain(to_receivers).chain(to_points).copied();
+        let mut after: Vec<PassId> = after.collect();
         let executor = self.executor.as_mut();
         let mut times = Vec::new();
+        if let Some(objects) = &loaded.objects {
+            // Light that converges from frame to frame takes what is changed along.
+            let is_whole = self.method.depends_on_source_alone();
+            if is_whole {
+                objects.clear_change(executor)?;
+            }
+            for _ in 0..if is_whole { OBJECT_ROUNDS } else { 1 } {
+                executor.submit_passes(&objects.feed)?;
+                match self.method.submit(executor) {
+                    Some(of_host) => times.extend(of_host?),
+                    None => executor.submit_passes(&loaded.method)?,
+                }
+                executor.submit_passes(&objects.change)?;
+            }
+            after.splice(0..0, objects.sum.iter().copied());
+            executor.submit_passes(&after)?;
+            loaded.has_receivers = receivers;
+            return Ok(times);
+        }
         match self.method.submit(executor) {
             Some(of_host) => {
                 times = of_host?;
-                executor.submit_passes(&after.collect::<Vec<_>>())?;
+                executor.submit_passes(&after)?;
             }
             None => {
                 let all: Vec<PassId> = loaded.method.iter().copied().chain(after).collect();
@@ -826,6 +848,11 @@ impl LightField {
         }
         self.loaded.frame.scene.set_moving(executor, &self.scene.geometry)?;
         let placed = self.objects.find(&self.bake, &self.scene)?;
+        if placed.factors.values.len() > self.objects.factor_room {
+            self.objects.factor_room = placed.factors.values.len().next_power_of_two();
+            self.load()?;
+            return self.move_objects();
+        }
         light.set(executor, &placed)?;
         if let Some(rows) = &mut self.loaded.element_rows {
             rows.set(executor, &self.objects.element_changes, Of::Elements)?;
@@ -976,7 +1003,10 @@ impl Loaded {
         let direct = direct::add(&mut frame, &tables)?;
         let source = source::add(&mut frame, &direct)?;
         let source_passes = source.passes.to_vec();
-        let objects = objects.map(|objects| ObjectLight::new(&mut frame, objects)).transpose()?;
+        let objects = match (objects, frame.changed) {
+            (Some(objects), Some(changed)) => Some(ObjectLight::new(&mut frame, objects, changed)?),
+            _ => None,
+        };
         let own = passes_of(&mut frame, |frame| method.add_passes(frame))?.1;
         let (element_rows, mut elements) = passes_of(&mut frame, |frame| gather::add_elements(frame, method))?;
         elements.extend(objects.iter().flat_map(|objects| &objects.after));

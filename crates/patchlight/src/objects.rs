@@ -12,6 +12,7 @@ use std::sync::Arc;
 
 use glam::{Affine3A, Vec4};
 use patches::InterpolationMesh;
+use rayon::prelude::*;
 use runtime::plan::RANGE_ALIGNMENT;
 use scene::{Geometry, Mesh, MovingMesh, Scene, SurfacePoint};
 use transport::Csr;
@@ -25,6 +26,8 @@ use crate::method::MethodSettings;
 
 /// RGB values between places where a range of a buffer may begin.
 const RANGE_STEP: usize = RANGE_ALIGNMENT as usize / size_of::<Vec4>();
+/// Room for changed form factors, at least.
+const MIN_FACTORS: usize = 1 << 16;
 /// Changes the random numbers of the rays of objects.
 const SALT: u32 = 0x6f62_6a73;
 
@@ -52,6 +55,8 @@ pub(crate) struct ObjectTables {
     is_moved: bool,
     /// The geometry of the frame before the last: its tables are written again.
     spare: Option<Arc<Geometry>>,
+    /// Entries of changed form factors that there is room for.
+    pub factor_room: usize,
     /// Rows that change.
     pub element_changes: Vec<RowChange>,
     pub receiver_changes: Vec<RowChange>,
@@ -62,13 +67,17 @@ pub(crate) struct Placed {
     pub points: Vec<SurfacePoint>,
     /// Rows over elements, and over the bins of the sky.
     pub rows: [Csr; 2],
+    /// The rows over elements with those of each patch taken together.
+    pub patch_rows: Csr,
     pub albedo: Vec<Vec4>,
+    /// What the objects change of the form factors between patches, and from their elements.
+    pub factors: Csr,
 }
 
 impl ObjectTables {
     /// No objects, with so many rays of each hemisphere of a point.
     pub fn new(rays: u32) -> Self {
-        Self { rays, ..Self::default() }
+        Self { rays, factor_room: MIN_FACTORS, ..Self::default() }
     }
 
     /// Number of points of all objects.
@@ -89,6 +98,11 @@ impl ObjectTables {
     /// Number of the first point of an object, behind the interpolation points of a bake.
     pub fn first_point(bake: &Bake) -> usize {
         bake.receivers.interpolation.points.len().next_multiple_of(RANGE_STEP)
+    }
+
+    /// Column of the first element of an object, behind the patches of a bake.
+    pub fn first_patch_column(&self, bake: &Bake) -> usize {
+        bake.mesh.patches.len().next_multiple_of(RANGE_STEP)
     }
 
     pub fn is_empty(&self) -> bool {
@@ -179,7 +193,60 @@ impl ObjectTables {
             self.objects.iter().flat_map(|object| object.shape.placed(&object.transform)).collect();
         let rows = movers.traced(bake, &points, self.rays, bake.settings.seed ^ SALT)?;
         self.is_moved = false;
-        Ok(Placed { points, rows, albedo: albedo_of(scene) })
+        let factors = self.changed_factors(bake)?;
+        let patch_rows = self.patch_rows(bake, &rows[0])?;
+        Ok(Placed { points, rows, patch_rows, albedo: albedo_of(scene), factors })
+    }
+
+    /// Rows over patches and elements of objects of rows over elements.
+    fn patch_rows(&self, bake: &Bake, rows: &Csr) -> Result<Csr, Error> {
+        let mesh = &bake.mesh;
+        let first = self.first_patch_column(bake) as u32;
+        let first_column = Self::first_column(bake) as u32;
+        let owner = |column: u32| match column.checked_sub(first_column) {
+            Some(moving) => first + moving,
+            None => mesh.patch_of(column),
+        };
+        let row = |own: &[u32]| {
+            let own = own[0] as usize..own[1] as usize;
+            let columns = rows.column_index[own.clone()].iter().map(|&column| owner(column));
+            let mut entries: Vec<(u32, f32)> = columns.zip(rows.values[own].iter().copied()).collect();
+            rows::add_up(&mut entries);
+            entries
+        };
+        let own: Vec<Vec<(u32, f32)>> = rows.row_start.par_windows(2).map(row).collect();
+        Ok(Csr::from_rows(first as usize + self.elements(), &own)?)
+    }
+
+    /// Change of the form factors of patches, row by row: the changes of their elements' rows, taken together.
+    fn changed_factors(&self, bake: &Bake) -> Result<Csr, Error> {
+        let mesh = &bake.mesh;
+        let count = mesh.patches.len();
+        let first = self.first_patch_column(bake);
+        let columns = first + self.elements();
+        let Some(rows) = &bake.form_factors.element_rows else {
+            return Ok(Csr::from_rows(columns, &vec![Vec::new(); count])?);
+        };
+        let shares = mesh.element_shares();
+        let first_column = Self::first_column(bake) as u32;
+        let change_of = |change: &RowChange| {
+            let element = change.item as usize;
+            let share = shares[element] * rows.scales()[element];
+            let counts = rows.row(element).into_iter();
+            let mut entries = Vec::new();
+            for (column, hits) in counts.filter(|(column, _)| change.column(*column) != *column) {
+                let factor = share * hits as f32;
+                entries.push((mesh.patch_of(column), -factor));
+                entries.push((change.column(column) - first_column + first as u32, factor));
+            }
+            (mesh.patch_of(change.item), entries)
+        };
+        let changes: Vec<(u32, Vec<(u32, f32)>)> = self.element_changes.par_iter().map(change_of).collect();
+        let mut own: Vec<Vec<(u32, f32)>> = vec![Vec::new(); count];
+        // In the order of the elements.
+        changes.into_iter().for_each(|(patch, entries)| own[patch as usize].extend(entries));
+        own.par_iter_mut().for_each(|entries| rows::add_up(entries));
+        Ok(Csr::from_rows(columns, &own)?)
     }
 }
 

@@ -44,6 +44,20 @@ pub struct FramePlan<'a> {
     pub interpolated: Slice<Rgb>,
     /// Zeros, for as many patches or elements as there are.
     pub zeros: Slice<Rgb>,
+    /// First exitance and irradiance of the patches as objects change them.
+    pub(crate) changed: Option<ChangedPatches>,
+}
+
+/// Light of the patches where objects are in its way, W/m². What they change of the irradiance, ΔH, is light that the
+/// method does not know of; it takes ρ ΔH for first exitance.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct ChangedPatches {
+    /// First exitance without ρ ΔH.
+    pub source: Slice<Rgb>,
+    /// ΔH.
+    pub change: Slice<Rgb>,
+    /// H + ΔH.
+    pub irradiance: Slice<Rgb>,
 }
 
 /// Content of a frame.
@@ -106,6 +120,7 @@ impl FrameTables {
             received: self.received,
             interpolated: self.interpolated,
             zeros: self.zeros,
+            changed: None,
         }
     }
 }
@@ -146,6 +161,12 @@ impl<'a> FramePlan<'a> {
         let zeros = plan.array("zeros", patch_count.max(element_count));
         let scene = SceneTables::new(&mut plan, &mut tables, scene, lights);
         let exitance = all_exitance;
+        let mut changed = || ChangedPatches {
+            source: plan.array("own source", patch_count),
+            change: plan.array("change of irradiance", patch_count),
+            irradiance: plan.array("changed irradiance", patch_count),
+        };
+        let changed = objects.map(|_| changed());
         Self {
             bake,
             bounces,
@@ -160,6 +181,7 @@ impl<'a> FramePlan<'a> {
             received,
             interpolated,
             zeros,
+            changed,
         }
     }
 
@@ -212,7 +234,8 @@ impl<'a> FramePlan<'a> {
     /// Buffers that are all zeros when the first frame begins, with the number of their values.
     pub(crate) fn initial_zeros(&self) -> Vec<BufferId> {
         let slices = [self.patches.exitance, self.patches.irradiance, self.elements.irradiance, self.zeros];
-        slices.map(|slice| slice.buffer).to_vec()
+        let changed = self.changed.map(|changed| changed.change);
+        slices.into_iter().chain(changed).map(|slice| slice.buffer).collect()
     }
 }
 

@@ -194,6 +194,18 @@ impl Movers<'_> {
     }
 }
 
+/// Adds up entries of the same column, in their order.
+pub fn add_up(entries: &mut Vec<(u32, f32)>) {
+    entries.sort_by_key(|entry| entry.0);
+    entries.dedup_by(|next, kept| {
+        let same = next.0 == kept.0;
+        if same {
+            kept.1 += next.1;
+        }
+        same
+    });
+}
+
 /// Rows of whole hemispheres from those of quadrants.
 fn whole_rows(quadrants: &HitCounts) -> Result<Csr, Error> {
     let (count, columns) = transport::LinearOperator::shape(quadrants);
@@ -204,14 +216,7 @@ fn whole_rows(quadrants: &HitCounts) -> Result<Csr, Error> {
             quadrants.row(row).into_iter().map(move |(column, count)| (column, scale * count as f32))
         });
         let mut entries: Vec<(u32, f32)> = entries.collect();
-        entries.sort_by_key(|entry| entry.0);
-        entries.dedup_by(|next, kept| {
-            let same = next.0 == kept.0;
-            if same {
-                kept.1 += next.1;
-            }
-            same
-        });
+        add_up(&mut entries);
         entries
     };
     let rows: Vec<Vec<(u32, f32)>> = (0..count / QUADRANTS).into_par_iter().map(row).collect();

@@ -121,7 +121,7 @@ fn add_patch_light(frame: &mut FramePlan) -> Result<(), ExecutorError> {
         row_start: tables.owned(plan, "element starts", starts),
         columns: tables.owned(plan, "element patches", patch),
         values: tables.owned(plan, "element ones", vec![1.0; elements as usize]),
-        exitance: frame.patches.irradiance,
+        exitance: frame.changed.map_or(frame.patches.irradiance, |changed| changed.irradiance),
         irradiance: patch_light,
     };
     plan.add("lookup", &spread, &CountParams { count: elements })?;

@@ -12,7 +12,7 @@ use gpu_kernels::transport::{BouncePass, GatherCsrPass};
 use runtime::executor::{Executor, ExecutorError};
 use runtime::plan::{PassId, Plan, Slice};
 use runtime::recipe::Tables;
-use runtime::recipe::formfactor::HitTables;
+use runtime::recipe::formfactor::{HitTables, Surfaces};
 use runtime::recipe::scene::PassMedium;
 use scene::gpu::DirectParams;
 use scene::{Rgb, SKY_BINS, Scene, SurfacePoint, sky_exitance};
@@ -20,7 +20,7 @@ use transport::{Csr, HitCounts};
 
 use super::direct::{self, PointLight};
 use crate::error::Error;
-use crate::low_level::frame::FramePlan;
+use crate::low_level::frame::{ChangedPatches, FramePlan};
 use crate::objects::{ObjectTables, Placed};
 use crate::objects::rows::RowChange;
 
@@ -75,8 +75,18 @@ pub struct ObjectLight {
     pub before: Vec<PassId>,
     /// From there to what points receive of others, and elements send of it.
     pub after: Vec<PassId>,
-    exitance: Slice<Rgb>,
     mean: Csr,
+    /// Rows of the points over patches, and what objects change of the form factors between these.
+    patch_rows: ChangingCsr,
+    factors: ChangingCsr,
+    /// Passes of the first exitance for the method, with what is changed of the irradiance.
+    pub feed: Vec<PassId>,
+    /// Passes from the irradiance that the method finds to what is changed of it.
+    pub change: Vec<PassId>,
+    /// Passes of the sum of both.
+    pub sum: Vec<PassId>,
+    /// What is changed.
+    changed: ChangedPatches,
 }
 
 impl ObjectLight {
@@ -84,11 +94,11 @@ impl ObjectLight {
     ///
     /// # Errors
     /// What the plan says.
-    pub fn new(frame: &mut FramePlan, objects: &ObjectTables) -> Result<Self, Error> {
+    pub fn new(frame: &mut FramePlan, objects: &ObjectTables, changed: ChangedPatches) -> Result<Self, Error> {
         let count = objects.points();
         let elements = objects.elements();
         let entries = count * objects.rays as usize;
-        let exitance = frame.exitance.part(ObjectTables::first_column(frame.bake), elements);
+        let exitance_of_objects = frame.exitance.part(ObjectTables::first_column(frame.bake), elements);
         let received = frame.interpolated.part(ObjectTables::first_point(frame.bake), count);
         let scene = frame.scene;
         let first = frame.plan.passes().len();
@@ -107,9 +117,19 @@ impl ObjectLight {
             sky_rows: ChangingCsr::new(plan, count, entries),
             before: Vec::new(),
             after: Vec::new(),
-            exitance,
             mean: objects.means()?,
+            patch_rows: ChangingCsr::new(plan, count, entries),
+            factors: ChangingCsr::new(plan, frame.patches.count as usize, objects.factor_room),
+            feed: Vec::new(),
+            change: Vec::new(),
+            sum: Vec::new(),
+            changed,
         };
+        let patches = frame.patches;
+        let patch_count = patches.count as usize;
+        let first_moving = objects.first_patch_column(frame.bake);
+        let from_patches = plan.array("changed exitance", first_moving + elements);
+        let of_objects = from_patches.part(first_moving, elements);
         let from_sky = plan.array("object sky", count);
         light.sky_rows.gather(plan, light.bins, from_sky)?;
         let ones = frame.tables.owned(plan, "object ones", vec![Vec4::ONE; count]);
@@ -123,21 +143,44 @@ impl ObjectLight {
         let shares = frame.tables.owned(plan, "object mean shares", light.mean.values.clone());
         let zeros = frame.tables.owned(plan, "object zeros", vec![Vec4::ZERO; elements]);
         let of_elements = plan.array("object irradiance", elements);
-        let send = |plan: &mut Plan, light: &Self, from: Slice<Rgb>| {
+        let all = plan.array("object light of all", count);
+        let send = |plan: &mut Plan, light: &Self, from: Slice<Rgb>, to: Slice<Rgb>| {
             let [row_start, columns] = mean;
             let pass = GatherCsrPass { row_start, columns, values: shares, exitance: from, irradiance: of_elements };
             add(plan, &pass, elements)?;
-            let Self { albedo, exitance, .. } = *light;
-            add(plan, &BouncePass { source: zeros, albedo, irradiance: of_elements, exitance }, elements)
+            let Self { albedo, .. } = *light;
+            add(plan, &BouncePass { source: zeros, albedo, irradiance: of_elements, exitance: to }, elements)
         };
-        send(plan, &light, own)?;
+        send(plan, &light, own, of_objects)?;
         light.before = plan.all_passes().split_off(first);
-        let all = plan.array("object light of all", count);
+
+        let first = plan.passes().len();
+        let Surfaces { albedo, source, irradiance, .. } = patches;
+        let feed = BouncePass { source: changed.source, albedo, irradiance: changed.change, exitance: source };
+        add(plan, &feed, patch_count)?;
+        light.feed = plan.all_passes().split_off(first);
+        let first = plan.passes().len();
+        let exitance = from_patches.part(0, patch_count);
+        add(plan, &BouncePass { source, albedo, irradiance, exitance }, patch_count)?;
+        let of_patches = plan.array("object light of patches", count);
+        light.patch_rows.gather(plan, from_patches, of_patches)?;
+        add(plan, &BouncePass { source: own, albedo: ones, irradiance: of_patches, exitance: all }, count)?;
+        send(plan, &light, all, of_objects)?;
+        send(plan, &light, all, exitance_of_objects)?;
+        light.factors.gather(plan, from_patches, changed.change)?;
+        light.change = plan.all_passes().split_off(first);
+        let first = plan.passes().len();
+        let patch_ones = frame.tables.owned(plan, "patch ones", vec![Vec4::ONE; patch_count]);
+        let ChangedPatches { change, irradiance: sum, .. } = changed;
+        let both = BouncePass { source: irradiance, albedo: patch_ones, irradiance: change, exitance: sum };
+        add(plan, &both, patch_count)?;
+        light.sum = plan.all_passes().split_off(first);
+
         let first = plan.passes().len();
         light.rows.gather(plan, frame.exitance, received)?;
         let sum = BouncePass { source: own, albedo: ones, irradiance: received, exitance: all };
         add(plan, &sum, count)?;
-        send(plan, &light, all)?;
+        send(plan, &light, all, exitance_of_objects)?;
         light.after = plan.all_passes().split_off(first);
         Ok(light)
     }
@@ -162,12 +205,14 @@ impl ObjectLight {
     pub fn set(
         &self,
         executor: &mut (dyn Executor + 'static),
-        Placed { points, rows: [rows, sky_rows], albedo }: &Placed,
+        Placed { points, rows: [rows, sky_rows], patch_rows, albedo, factors }: &Placed,
     ) -> Result<(), ExecutorError> {
         executor.upload(self.points, points)?;
         executor.upload(self.albedo, albedo)?;
         self.rows.set(executor, rows)?;
-        self.sky_rows.set(executor, sky_rows)
+        self.sky_rows.set(executor, sky_rows)?;
+        self.patch_rows.set(executor, patch_rows)?;
+        self.factors.set(executor, factors)
     }
 
     /// Takes over the lights and the sky of a scene.
@@ -182,6 +227,14 @@ impl ObjectLight {
         };
         self.medium.push_direct(executor, self.direct.pass, &params)?;
         executor.upload(self.bins, &sky_exitance(&scene.lighting))
+    }
+
+    /// Forgets what was changed of the irradiance of patches.
+    ///
+    /// # Errors
+    /// What the device says.
+    pub fn clear_change(&self, executor: &mut (dyn Executor + 'static)) -> Result<(), ExecutorError> {
+        executor.clear(self.changed.change.buffer)
     }
 
     /// All passes of the objects' own light.

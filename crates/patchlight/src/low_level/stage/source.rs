@@ -52,7 +52,7 @@ pub fn add(frame: &mut FramePlan, direct: &DirectLight) -> Result<Source, Execut
         columns: tables.owned(plan, "element numbers", numbers),
         values: tables.owned(plan, "element shares", mesh.element_shares()),
         exitance: frame.elements.source,
-        irradiance: frame.patches.source,
+        irradiance: frame.changed.map_or(frame.patches.source, |changed| changed.source),
     };
     let of_patches = plan.add("gather", &mean, &CountParams { count: frame.patches.count })?;
     Ok(Source { passes: [of_elements, of_patches], emission, point_albedo })
