@@ -6,6 +6,7 @@ use glam::{Affine3A, Quat, Vec3};
 use integration_tests::setup::Setup;
 use integration_tests::vulkan;
 use patches::PatchKind;
+use patchlight::low_level::operator::Codec;
 use patchlight::method::FirstShotSettings;
 use patchlight::{
     ErrorKind, MethodSettings, ObjectId, PictureRenderer, Pictures, ReceiverKind, ReceiverUpdate, Silent,
@@ -24,7 +25,14 @@ fn cpu() -> Box<dyn Executor> {
 }
 
 fn setup() -> Setup {
-    Setup { patch_count: 1000, most_receivers: Some(8000), receiver_rays: 512, sub_frames: 8, size: SIZE, ..Setup::default() }
+    Setup {
+        patch_count: 1000,
+        most_receivers: Some(8000),
+        receiver_rays: 512,
+        sub_frames: 8,
+        size: SIZE,
+        ..Setup::default()
+    }
 }
 
 /// The 36 corners of a box about the origin.
@@ -219,14 +227,10 @@ fn what_serves_no_objects_says_so() {
     let (mut renderer, loaded, id) = small(cpu(), |_| ());
     let light = renderer.light_mut();
     let positions = corners(Vec3::splat(0.05));
-    let mesh = |material: usize| Mesh {
-        positions: &positions,
-        material: MaterialId::of_scene(material),
-        ..Mesh::default()
-    };
-    let mut refused = |mesh: Mesh, transform: Affine3A| {
-        light.objects().insert(&mesh, transform).unwrap_err().to_string()
-    };
+    let mesh =
+        |material: usize| Mesh { positions: &positions, material: MaterialId::of_scene(material), ..Mesh::default() };
+    let mut refused =
+        |mesh: Mesh, transform: Affine3A| light.objects().insert(&mesh, transform).unwrap_err().to_string();
     assert!(refused(mesh(99), place(0)).contains("material is number 99"));
     assert!(refused(mesh(0), Affine3A::from_scale(Vec3::new(1.0, 0.0, 1.0))).contains("flattens"));
     assert!(light.objects().set_transform(id, Affine3A::from_translation(Vec3::NAN)).is_err());
@@ -239,9 +243,50 @@ fn what_serves_no_objects_says_so() {
     assert_eq!(light.objects().ids(), [id]);
     assert_eq!(light.surface_irradiance().unwrap().len(), light.bake().receivers().interpolation.points.len());
     let (loaded, red) = scene_with_red("cornell");
-    let setup = Setup { patches: PatchKind::Voxel, receivers: ReceiverKind::Patches, patch_count: 100, ..Setup::default() };
+    let setup =
+        Setup { patches: PatchKind::Voxel, receivers: ReceiverKind::Patches, patch_count: 100, ..Setup::default() };
     let mut renderer = setup.renderer(&loaded, cpu()).unwrap();
     let mesh = Mesh { positions: &positions, material: red, ..Mesh::default() };
     let error = renderer.light_mut().objects().insert(&mesh, place(0)).unwrap_err();
     assert!(error.kind() == ErrorKind::Unsupported && error.to_string().contains("receivers on the mesh"), "{error}");
+}
+
+/// The door between two rooms, at an angle: 0 closes it.
+fn door(angle: f32) -> Affine3A {
+    // Its hinge is an edge of the doorway.
+    let hinge = Vec3::new(4.0, 0.0, 1.3);
+    Affine3A::from_rotation_translation(Quat::from_rotation_y(angle), hinge)
+}
+
+#[test]
+fn a_door_changes_the_light_of_a_whole_room() {
+    let (loaded, red) = scene_with_red("rooms");
+    let half = Vec3::new(0.02, 1.06, 0.72);
+    // Somewhat larger than the doorway, of 1.4 × 2.1 m.
+    let positions: Vec<Vec3> = corners(half).iter().map(|p| *p + Vec3::new(0.0, 1.059, 0.7)).collect();
+    let mesh = Mesh { positions: &positions, material: red, ..Mesh::default() };
+    let sum = |all: &[Vec3]| all.iter().map(|c| luminance(*c)).sum::<f32>();
+    for method in [MethodSettings::default(), MethodSettings::Multibounce(Codec::LowRank { epsilon: 0.01 })] {
+        let size = (64, 48);
+        let setup = Setup { size, patch_count: 1000, most_receivers: Some(6000), method, ..setup() };
+        let mut renderer = setup.renderer(&loaded, cpu()).unwrap();
+        let open = sum(&pixels(&mut renderer, &loaded)[1]);
+        let id = renderer.light_mut().objects().insert(&mesh, door(0.0)).unwrap();
+        for angle in [0.0f32, 20.0, 90.0] {
+            let transform = door(-angle.to_radians());
+            renderer.light_mut().objects().set_transform(id, transform).unwrap();
+            let found = sum(&pixels(&mut renderer, &loaded)[1]) / open;
+            let camera = loaded.view.camera(size.0, size.1);
+            let settings = PathSettings { strategy: Strategy::Both, ..PathSettings::default() };
+            let mut sums = Accumulation::new(&camera, settings);
+            let scene = with_box(&loaded, mesh, transform);
+            let go_on = |_, _| std::ops::ControlFlow::Continue(());
+            PathTracer::new(&scene).accumulate(&camera, &mut sums, 256, go_on).unwrap();
+            let expected = sum(&sums.indirect().pixels) / open;
+            // Of the light of the open room: rows that see past the frame take some with them.
+            assert!((found - expected).abs() < 0.08, "{angle}°: {found} of {expected}");
+            // Where the door does nothing, or nothing but in front of itself, far more is left.
+            assert!(angle > 0.0 || found < 0.1, "a closed door leaves {found}");
+        }
+    }
 }

@@ -420,8 +420,7 @@ impl LightField {
         let executor = self.executor.as_mut();
         let method = self.method.as_mut();
         let objects = Some(&self.objects).filter(|objects| !objects.is_empty());
-        let content =
-            Content { bake: &self.bake, scene: &self.scene, albedo: self.albedo.as_ref(), objects };
+        let content = Content { bake: &self.bake, scene: &self.scene, albedo: self.albedo.as_ref(), objects };
         self.loaded = Loaded::load(&content, executor, method, &mut self.points)?;
         self.objects.set_moved();
         self.stamps.plan += 1;

@@ -450,8 +450,7 @@ impl PicturePlan {
     /// Loads the passes on top of a light field's and fills what the first picture finds.
     fn load(light: &mut LightField, settings: &PictureSettings) -> Result<Self, Error> {
         let objects = light.object_light().cloned();
-        let mut plan =
-            light.load_on_top(|frame, receivers| Self::add(frame, receivers, objects.as_ref(), settings))?;
+        let mut plan = light.load_on_top(|frame, receivers| Self::add(frame, receivers, objects.as_ref(), settings))?;
         let executor = light.executor_mut();
         plan.shade.clear(executor)?;
         if let Some(view) = &plan.view {

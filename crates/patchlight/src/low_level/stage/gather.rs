@@ -31,7 +31,10 @@ pub struct ReceiverTables {
 ///
 /// # Errors
 /// What the plan and the method say.
-pub(crate) fn add_elements(frame: &mut FramePlan, method: &mut dyn Method) -> Result<Option<ChangingRows>, crate::Error> {
+pub(crate) fn add_elements(
+    frame: &mut FramePlan,
+    method: &mut dyn Method,
+) -> Result<Option<ChangingRows>, crate::Error> {
     let mut changing = None;
     if frame.has_element_bounce() && !method.finds_element_irradiance() {
         changing = add_element_bounce(frame, method)?;

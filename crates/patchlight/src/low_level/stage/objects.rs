@@ -21,8 +21,8 @@ use transport::{Csr, HitCounts};
 use super::direct::{self, PointLight};
 use crate::error::Error;
 use crate::low_level::frame::{ChangedPatches, FramePlan};
-use crate::objects::{ObjectTables, Placed};
 use crate::objects::rows::RowChange;
+use crate::objects::{ObjectTables, Placed};
 
 /// Name of the passes.
 pub const PASS: &str = "objects";

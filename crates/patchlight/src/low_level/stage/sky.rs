@@ -62,8 +62,7 @@ pub(crate) fn add(
     if let Some(objects) = objects {
         objects.add_sky(plan, bins, interpolated.part(first_moving, points - first_moving))?;
         let rows = &receivers.sky_rows;
-        changing =
-            Some(ChangingRows::new(plan, &mut frame.tables, rows, SKY_BINS + 1, QUADRANTS, |_| false)?);
+        changing = Some(ChangingRows::new(plan, &mut frame.tables, rows, SKY_BINS + 1, QUADRANTS, |_| false)?);
     }
     let rows = match &changing {
         Some(changing) => changing.tables.clone(),
