@@ -44,7 +44,7 @@ fn filled(scene: &Scene, absorption: Vec3) -> Scene {
         uvs: geometry.uvs.clone(),
         materials: geometry.materials.to_vec(),
         textures: geometry.textures.clone(),
-        texels: geometry.texels.clone(),
+        texels: geometry.texels.to_vec(),
         ray_offset: Some(geometry.ray_offset),
         absorption,
         ..SceneParts::default()

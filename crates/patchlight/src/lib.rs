@@ -11,6 +11,7 @@
 //!   one's own: vertices, texels, probes, sensors. It has no camera and no pictures. An engine that knows the direct
 //!   light already gives it: [`LightField::set_sample_light`]. Methods whose operators do not hold the albedo take
 //!   another one of each material: [`LightField::set_albedo`].
+//!   Objects that move stand in its way, and are lit: [`LightField::objects`].
 //! - A [`PictureRenderer`] makes pictures of a light field: primary rays, direct light at pixels, shading, display.
 //!
 //! How light goes between patches is a [`Method`]: classic radiosity, the operator of all bounces, progressive

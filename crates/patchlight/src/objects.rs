@@ -1,9 +1,10 @@
 //! Objects that move through a baked scene: they receive light, throw shadows, take indirect light away behind them and
 //! send what they reflect.
 //!
-//! A bake knows nothing of them. Each has points that rays are traced from where it stands ([`shape`]), and elements
-//! that send; rows of the elements and receivers about it are changed where it is in the way ([`rows`]). All of it
-//! follows from where the objects stand, and from nothing before.
+//! A bake knows nothing of them. Each has points that rays are traced from where it stands, and elements that send;
+//! rows of the elements and receivers about it are changed where it is in the way. All of it follows from where the
+//! objects stand, and from nothing before. Their light takes part in all bounces: with ΔF, what an object changes of the
+//! form factors, `B = E + ρ (F + ΔF) B` is solved by the method for the first exitance `E + ρ ΔF B`, in a few rounds.
 
 pub(crate) mod rows;
 pub(crate) mod shape;
@@ -245,7 +246,7 @@ impl ObjectTables {
         let mut own: Vec<Vec<(u32, f32)>> = vec![Vec::new(); count];
         // In the order of the elements.
         changes.into_iter().for_each(|(patch, entries)| own[patch as usize].extend(entries));
-        own.par_iter_mut().for_each(|entries| rows::add_up(entries));
+        own.par_iter_mut().for_each(rows::add_up);
         Ok(Csr::from_rows(columns, &own)?)
     }
 }
@@ -268,11 +269,35 @@ pub struct Objects<'a> {
 }
 
 impl LightField {
-    /// Objects that move through the baked scene, to add, move and remove. They throw shadows of direct light, their
-    /// points receive light, and what stands near them loses the indirect light that they are in the way of and
-    /// receives what they reflect; light of their bounces goes no further. An update after a move finds all of it anew:
-    /// it depends on where the objects stand alone. Receivers must be on the mesh; photons know nothing of objects, and
-    /// methods that find the irradiance of receivers themselves (the local matrix) leave their indirect light as it is.
+    /// Objects that move through the baked scene, to add, move and remove. They throw shadows of direct light, receive
+    /// light, take indirect light away from what is behind them and send what they reflect, with all bounces; where
+    /// they cover less than 1 / 500 of a hemisphere they are left out. An update after a move finds all of it anew: with
+    /// methods that begin anew with each light it depends on where the objects stand alone. Receivers must be on the
+    /// mesh. Photons know nothing of objects; methods that find the irradiance of elements or receivers themselves (the
+    /// local matrix) leave it as it is without them.
+    ///
+    /// ```
+    /// # extern crate assets as patchlight_assets;
+    /// use patchlight::glam::{Affine3A, Vec3};
+    /// use patchlight::{Bake, BakeSettings, Cpu, LightField, LightSettings, Mesh, Silent};
+    ///
+    /// let loaded = patchlight_assets::load_or_build("cornell")?;
+    /// let settings = BakeSettings::default().with_patch_count(100).with_receiver_density(0.2);
+    /// let bake = Bake::build(&loaded.scene, &settings, &Silent)?;
+    /// let mut light = LightField::new(bake.into(), Box::new(Cpu::new()), &LightSettings::default(), &Silent)?;
+    /// // A pyramid of 6 cm that climbs.
+    /// let positions = [Vec3::ZERO, Vec3::X * 0.06, Vec3::Z * 0.06, Vec3::Y * 0.06];
+    /// let indices = [0, 1, 2, 0, 3, 1, 0, 2, 3, 1, 3, 2];
+    /// let mesh = Mesh { positions: &positions, indices: &indices, ..Mesh::default() };
+    /// let place = |height: f32| Affine3A::from_translation(Vec3::new(0.3, height, 0.1));
+    /// let id = light.objects().insert(&mesh, place(0.01))?;
+    /// light.update(&loaded.scene.lighting)?;
+    /// let before = light.surface_irradiance()?;
+    /// light.objects().set_transform(id, place(0.2))?;
+    /// light.update(&loaded.scene.lighting)?;
+    /// assert!(light.surface_irradiance()? != before);
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
     pub fn objects(&mut self) -> Objects<'_> {
         Objects { light: self }
     }

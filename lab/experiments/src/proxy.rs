@@ -224,7 +224,7 @@ fn with_panels(scene: &Scene) -> Result<Option<Scene>, Error> {
         uvs: scene.geometry.uvs.clone(),
         materials: scene.materials.to_vec(),
         textures: scene.geometry.textures.clone(),
-        texels: scene.geometry.texels.clone(),
+        texels: scene.geometry.texels.to_vec(),
         lights,
         sky: scene.lighting.sky,
         sky_map: scene.lighting.sky_map.to_vec(),

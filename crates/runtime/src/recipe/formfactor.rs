@@ -303,7 +303,7 @@ impl HitTables {
         }
     }
 
-    /// Puts rows on the device of which some change from frame to frame ([`Self::set_row`]).
+    /// Puts rows on the device of which some change from frame to frame ([`Self::set_rows`]).
     pub fn changing(plan: &mut Plan, tables: &mut Tables, hits: &HitCounts) -> Self {
         // Not shared: the executor writes to them.
         let quads = hits.quads();

@@ -153,7 +153,7 @@ fn with_materials(
         uvs: scene.geometry.uvs.clone(),
         materials: scene.geometry.materials.iter().map(material).collect(),
         textures: scene.geometry.textures.clone(),
-        texels: scene.geometry.texels.clone(),
+        texels: scene.geometry.texels.to_vec(),
         lights: scene.lighting.lights.clone(),
         sky: scene.lighting.sky,
         sky_map: scene.lighting.sky_map.to_vec(),
