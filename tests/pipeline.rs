@@ -136,7 +136,7 @@ fn with_triangles(scene: &Scene, keep: impl Fn(u32) -> bool) -> Scene {
         uvs: kept.iter().map(|&k| scene.geometry.uvs[k]).collect(),
         materials: scene.materials.to_vec(),
         textures: scene.geometry.textures.clone(),
-        texels: scene.geometry.texels.clone(),
+        texels: scene.geometry.texels.to_vec(),
         lights: scene.lighting.lights.clone(),
         sky: scene.lighting.sky,
         sky_map: scene.lighting.sky_map.to_vec(),
