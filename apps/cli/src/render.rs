@@ -35,7 +35,7 @@ use shell::output;
 use shell::path;
 use shell::progress::{Progress, interruptible, is_cancelled};
 use shell::report::significant;
-use shell::sequence::{Movement, Sequence, Shot, light_update_ms};
+use shell::sequence::{Movement, Moving, Sequence, Shot, light_update_ms};
 use shell::summary::{LightUpdate, PassTimes, PhotonCounts, Summary};
 
 /// Most sub-frames with which frames update only the receivers in view.
@@ -217,6 +217,9 @@ impl Job<'_> {
         let mut shown = None;
         for frame in 0..args.frames {
             let (lights, view) = movement.at(frame);
+            if !loaded.moving.is_empty() {
+                scene = loaded.scene_at(movement.time(frame))?;
+            }
             scene.set_lights(&lights);
             let camera = view.camera(self.size.0, self.size.1);
             let spp = args.spp.unwrap_or(64);
@@ -395,6 +398,8 @@ impl Job<'_> {
     ) -> Result<Pictures, Error> {
         let Self { args, loaded, out, progress, .. } = *self;
         let movement = self.movement();
+        let moving = Moving::add(renderer.light_mut(), &loaded.moving)?;
+        let exact_moving = exact.as_mut().map(|exact| Moving::add(exact.light_mut(), &loaded.moving)).transpose()?;
         let mut sequence = Sequence::new(loaded.exposure_stops);
         let mut times: BTreeMap<String, Vec<f64>> = BTreeMap::new();
         let mut updates = Vec::new();
@@ -413,11 +418,15 @@ impl Job<'_> {
             }
             if args.frames > 1 || args.errors {
                 let shot = Shot { lighting: &lighting, camera: &camera, number };
+                if let (Some(exact), Some(moving)) = (&mut exact, &exact_moving) {
+                    moving.place(exact.light_mut(), &movement.objects_at(number))?;
+                }
                 sequence.add(renderer, exact.as_mut(), &shot, &done)?;
             }
             if number + 1 < args.frames {
                 // The device is at work on the next picture while this one is written.
                 let (lighting, camera) = self.shot(&movement, number + 1);
+                moving.place(renderer.light_mut(), &movement.objects_at(number + 1))?;
                 let next = progress.timed("frame", || renderer.begin_picture(&lighting, &camera, number + 1))?;
                 begun = Some(next);
             }

@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 use std::path::Path;
 
-use glam::Vec3;
+use glam::{Affine3A, Vec3};
 use reference::metrics::compare_pictures;
 use scene::gpu::LIGHT_DIRECTIONAL;
 use scene::kernel::shade::encode_srgb;
@@ -15,11 +15,11 @@ use crate::error::Error;
 use crate::output;
 use crate::progress::{Progress, interruptible};
 use crate::report::{Plot, Section, Series, page};
-use assets::import::{Animation, LoadedScene, Target, View};
+use assets::import::{Animation, LoadedScene, MovingObject, Target, View};
 use localmatrix::CameraFrame;
 use patchlight::memory::peak_memory_bytes;
 use patchlight::method::local::{Local, SHOWN_ALBEDO};
-use patchlight::{FrameResult, PictureRenderer};
+use patchlight::{FrameResult, LightField, ObjectId, PictureRenderer};
 
 /// Time of a frame: the animation's length spread over the frames.
 pub fn frame_time(animation: &Animation, frame: u32, frames: u32) -> f32 {
@@ -33,7 +33,35 @@ pub struct Movement {
     /// Camera path, whatever the lights do.
     camera: Option<Animation>,
     rest: (Vec<Light>, View),
+    objects: Vec<MovingObject>,
+    /// Time of their last pose, s.
+    duration: f32,
     frames: u32,
+}
+
+/// Objects of a scene in a light field.
+pub struct Moving(Vec<ObjectId>);
+
+impl Moving {
+    /// Adds the objects of a scene that move, where they are at first.
+    ///
+    /// # Errors
+    /// As [`patchlight::Objects::insert`].
+    pub fn add(light: &mut LightField, objects: &[MovingObject]) -> Result<Self, patchlight::Error> {
+        let insert = |object: &MovingObject| light.objects().insert(&object.mesh(), object.transform(0.0));
+        Ok(Self(objects.iter().map(insert).collect::<Result<_, _>>()?))
+    }
+
+    /// Moves them.
+    ///
+    /// # Errors
+    /// As [`patchlight::Objects::set_transform`].
+    pub fn place(&self, light: &mut LightField, transforms: &[Affine3A]) -> Result<(), patchlight::Error> {
+        for (&id, &transform) in self.0.iter().zip(transforms) {
+            light.objects().set_transform(id, transform)?;
+        }
+        Ok(())
+    }
 }
 
 impl Movement {
@@ -55,7 +83,22 @@ impl Movement {
             }
         }
         let camera = camera.map(|camera| camera.animation(loaded));
-        Self { animate, path, camera, rest: (loaded.scene.lighting.lights.clone(), loaded.view), frames }
+        let rest = (loaded.scene.lighting.lights.clone(), loaded.view);
+        let objects = loaded.moving.clone();
+        Self { animate, path, camera, rest, objects, duration: loaded.moving_duration(), frames }
+    }
+
+    /// Time of the objects in a frame, s; a single frame is at their first pose.
+    pub fn time(&self, frame: u32) -> f32 {
+        match self.frames {
+            0 | 1 => 0.0,
+            frames => self.duration * frame as f32 / (frames - 1) as f32,
+        }
+    }
+
+    /// Places of the objects in a frame.
+    pub fn objects_at(&self, frame: u32) -> Vec<Affine3A> {
+        self.objects.iter().map(|object| object.transform(self.time(frame))).collect()
     }
 
     /// Lights and view of a frame; a single frame is at rest.

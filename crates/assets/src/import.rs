@@ -20,6 +20,7 @@ mod gltf_file;
 mod lightmap_uvs;
 pub(crate) mod lights;
 pub mod luminaire;
+pub mod moving;
 mod mtl;
 mod obj;
 mod optics;
@@ -30,6 +31,7 @@ pub use animation::{Animation, Keyframe, Target, Track};
 pub use error::ImportError;
 pub use lightmap_uvs::{AtlasTriangle, LightmapUvs};
 pub use luminaire::Photometry;
+pub use moving::{MovingObject, Pose};
 pub use pictures::is_guarded;
 
 /// Viewpoint of a picture, in metres.
@@ -94,6 +96,8 @@ pub struct LoadedScene {
     pub warnings: Vec<String>,
     /// Lights and camera over time; without tracks when the file has none.
     pub animation: Animation,
+    /// Objects that move through the scene, none of them among its triangles.
+    pub moving: Vec<MovingObject>,
     /// SHA-256 over everything that decides a picture.
     pub content_hash: [u8; 32],
     /// Files that it was read from; none for a built-in scene.

@@ -27,7 +27,7 @@ use glam::{Vec3, Vec4};
 use scene::{Light, Sky};
 
 use crate::import::draft::{Mesh, Setting, finish};
-use crate::import::{Animation, ImportError, LoadOptions, LoadedScene, Track, View};
+use crate::import::{Animation, ImportError, LoadOptions, LoadedScene, MovingObject, Track, View};
 
 mod atrium;
 mod bay;
@@ -41,6 +41,7 @@ mod corridor;
 mod gloss;
 mod islands;
 mod kitchen;
+mod moving;
 mod office;
 mod pattern;
 mod rooms;
@@ -75,6 +76,8 @@ struct Built {
     exposure_stops: f32,
     /// Animation tracks.
     tracks: Vec<Track>,
+    /// Objects that move.
+    moving: Vec<MovingObject>,
 }
 
 /// Returns true if `spec` (NAME, NAME:TRIANGLES or NAME:KEY=VALUE,…) names a built-in scene.
@@ -91,10 +94,10 @@ pub fn build(spec: &str) -> Result<LoadedScene, ImportError> {
     let (scene, values) = spec::parse(spec).map_err(fault)?;
     let name = scene.name;
     let mut built = match name {
-        "cornell" => cornell::build(),
-        "atrium" => atrium::build(values.count(&atrium::TRIANGLES)),
+        "cornell" => cornell::build(&values),
+        "atrium" => atrium::build(&values),
         "city" => city::build(values.count(&city::TRIANGLES)),
-        "office" => office::build(),
+        "office" => office::build(&values),
         "sealed-box" => boxes::sealed(),
         "rooms" => rooms::build(&values),
         "stripes" => stripes::build(&values),
@@ -120,6 +123,7 @@ pub fn build(spec: &str) -> Result<LoadedScene, ImportError> {
         sky: Sky { radiance: built.sky, ..Sky::default() },
         sky_map: Vec::<Vec4>::new(),
         animation: Animation { tracks: built.tracks, ..Animation::default() },
+        moving: built.moving,
         ..Setting::new(Path::new(spec), name)
     };
     finish(built.mesh, setting, &LoadOptions::default())

@@ -6,7 +6,7 @@ use scene::Scene;
 use serde::{Deserialize, Serialize};
 
 use super::animation::{Animation, Track};
-use super::{Dropped, LightmapUvs, LoadedScene, View};
+use super::{Dropped, LightmapUvs, LoadedScene, MovingObject, View};
 
 /// The parts of a [`LoadedScene`] that are not its scene.
 #[derive(Serialize, Deserialize)]
@@ -21,6 +21,8 @@ struct Description {
     materials: Vec<String>,
     textures: Vec<String>,
     tracks: Vec<Track>,
+    #[serde(default)]
+    moving: Vec<MovingObject>,
     content_hash: [u8; 32],
     files: Vec<PathBuf>,
     file_triangles: usize,
@@ -41,6 +43,7 @@ impl LoadedScene {
             materials: self.materials.clone(),
             textures: self.textures.clone(),
             tracks: self.animation.tracks.clone(),
+            moving: self.moving.clone(),
             content_hash: self.content_hash,
             files: self.files.clone(),
             file_triangles: self.file_triangles,
@@ -70,6 +73,7 @@ impl LoadedScene {
             textures: d.textures,
             warnings: Vec::new(),
             animation,
+            moving: d.moving,
             content_hash: d.content_hash,
             files: d.files,
             file_triangles: d.file_triangles,

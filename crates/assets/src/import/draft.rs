@@ -14,7 +14,9 @@ use sha2::{Digest, Sha256};
 use super::lights::QUANTITY_LIMIT;
 use super::optics::Optics;
 use super::pictures::{ALBEDO_LIMIT, MaskChannel, Packed, Source, pack};
-use super::{Animation, AtlasTriangle, Dropped, ImportError, LightmapUvs, LoadOptions, LoadedScene, View};
+use super::{
+    Animation, AtlasTriangle, Dropped, ImportError, LightmapUvs, LoadOptions, LoadedScene, MovingObject, View,
+};
 
 /// Most triangles of a scene: 2²⁸.
 const TRIANGLE_LIMIT: usize = 1 << 28;
@@ -229,6 +231,8 @@ pub struct Setting {
     pub absorption: Vec3,
     /// Tracks only; lights and view are filled in.
     pub animation: Animation,
+    /// Objects that move.
+    pub moving: Vec<MovingObject>,
     /// Light a mesh that has no light at all with a sun and a sky.
     pub default_light: bool,
     /// Files that it was read from.
@@ -250,6 +254,7 @@ impl Setting {
             distributions: Vec::new(),
             absorption: Vec3::ZERO,
             animation: Animation::default(),
+            moving: Vec::new(),
             default_light: false,
             files: Vec::new(),
         }
@@ -345,6 +350,9 @@ pub fn finish(mut mesh: Mesh, setting: Setting, options: &LoadOptions) -> Result
     let view = view.unwrap_or_else(|| frame_bounds(scene.geometry.bounds));
     let exposure_stops = setting.exposure_stops.unwrap_or(0.0);
     content_hash = hash_view(content_hash, &view, exposure_stops);
+    if !setting.moving.is_empty() {
+        content_hash = hash_moving(content_hash, &setting.moving);
+    }
     let animation = Animation { lights: scene.lighting.lights.clone(), view, tracks: setting.animation.tracks };
     Ok(LoadedScene {
         name: setting.name,
@@ -358,6 +366,7 @@ pub fn finish(mut mesh: Mesh, setting: Setting, options: &LoadOptions) -> Result
         textures: packed.names,
         warnings,
         animation,
+        moving: setting.moving,
         content_hash,
         files,
         file_triangles,
@@ -665,6 +674,21 @@ fn hash_view(before: [u8; 32], view: &View, stops: f32) -> [u8; 32] {
     digest.update(before);
     for v in [view.eye, view.target, view.up, Vec3::new(view.vertical_fov_degrees, stops, 0.0)] {
         digest.update(bytemuck::bytes_of(&v));
+    }
+    digest.finalize().into()
+}
+
+fn hash_moving(before: [u8; 32], moving: &[MovingObject]) -> [u8; 32] {
+    let mut digest = Sha256::new();
+    digest.update(before);
+    for object in moving {
+        digest.update(object.material.to_le_bytes());
+        digest.update(bytemuck::cast_slice(&object.corners));
+        for pose in &object.poses {
+            digest.update(bytemuck::bytes_of(&[pose.time]));
+            digest.update(bytemuck::bytes_of(&pose.position));
+            digest.update(bytemuck::bytes_of(&pose.rotation.to_array()));
+        }
     }
     digest.finalize().into()
 }

@@ -208,6 +208,14 @@ pub enum ImportError {
         /// The underlying error.
         source: scene::Error,
     },
+    /// An object that moves could not be put into a scene.
+    #[error("an object that moves through {scene}: {source}")]
+    Moving {
+        /// Name of the scene.
+        scene: String,
+        /// Why.
+        source: scene::BuildError,
+    },
     /// No built-in scene has this name, or its triangle count is out of range.
     #[error("built-in scene \"{spec}\": {reason}")]
     Procedural {

@@ -5,7 +5,8 @@ use std::f32::consts::PI;
 use glam::{Vec2, Vec3};
 
 use super::builder::{ALL_SIDES, Blocks, Builder, STANDING, sin_cos, steps};
-use super::{Built, Parameter, pattern};
+use super::spec::Values;
+use super::{Built, Parameter, moving, pattern};
 use crate::import::draft::MaterialDraft;
 use crate::import::pictures::Source;
 use crate::import::{View, lights};
@@ -21,7 +22,14 @@ pub const TRIANGLES: Parameter = Parameter {
     is_whole: true,
 };
 /// Accepted parameters.
-pub const PARAMETERS: &[Parameter] = &[TRIANGLES];
+pub const PARAMETERS: &[Parameter] = &[TRIANGLES, LORRY];
+/// A lorry that crosses the court, half of its edges, m, and its way.
+const LORRY: Parameter = moving::flag("lorry", "with a red box that crosses it");
+const HALF: Vec3 = Vec3::new(2.5, 1.0, 1.0);
+const WAY: [Vec3; 2] = [Vec3::new(8.0, 1.05, 5.4), Vec3::new(17.5, 1.05, 5.4)];
+
+/// Time of its way.
+const SECONDS: f32 = 4.0;
 
 /// Grid planes: outer walls 0.4 m thick, galleries round the court.
 const X: [f32; 6] = [0.0, 0.4, 3.6, 20.4, 23.6, 24.0];
@@ -47,7 +55,8 @@ struct Materials {
 }
 
 /// Builds it with as near to `triangles` triangles as it can.
-pub fn build(triangles: usize) -> Result<Built, lights::Fault> {
+pub fn build(values: &Values) -> Result<Built, lights::Fault> {
+    let triangles = values.count(&TRIANGLES);
     // The count falls as the edge grows: bisect on the logarithm.
     let mut low = 0.02f32;
     let mut high = 8.0f32;
@@ -72,6 +81,11 @@ pub fn build(triangles: usize) -> Result<Built, lights::Fault> {
         up: Vec3::Y,
         vertical_fov_degrees: 66.0,
     };
+    let mut moving = Vec::new();
+    if values.get(&LORRY) != 0.0 {
+        let paint = best.plain("red paint", [0.72, 0.08, 0.06]);
+        moving.push(moving::lorry(&mut best, paint, HALF, WAY, SECONDS));
+    }
     Ok(Built {
         mesh: best.mesh,
         lights: vec![sun],
@@ -79,6 +93,7 @@ pub fn build(triangles: usize) -> Result<Built, lights::Fault> {
         view,
         exposure_stops: -1.3,
         tracks: Vec::new(),
+        moving,
     })
 }
 

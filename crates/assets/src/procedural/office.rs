@@ -3,7 +3,8 @@
 use glam::Vec3;
 
 use super::builder::{ALL_SIDES, Blocks, Builder, STANDING, UPRIGHT};
-use super::{Built, pattern};
+use super::spec::{Parameter, Values};
+use super::{Built, moving, pattern};
 use crate::import::draft::MaterialDraft;
 use crate::import::{View, lights};
 
@@ -14,6 +15,13 @@ const Z: [f32; 4] = [0.0, 4.2, 4.32, 6.0];
 
 /// Parts of furniture go so far into each other.
 const OVERLAP: f32 = 0.005;
+
+/// A person walks past the desks.
+const PERSON: Parameter = moving::flag("person", "with somebody who walks");
+/// Accepted parameters.
+pub const PARAMETERS: &[Parameter] = &[PERSON];
+/// From where, and where to, m.
+const WALK: [Vec3; 2] = [Vec3::new(0.9, 0.0, 2.5), Vec3::new(3.7, 0.0, 2.3)];
 
 struct Materials {
     white: u32,
@@ -27,7 +35,7 @@ struct Materials {
 }
 
 /// Builds it.
-pub fn build() -> Result<Built, lights::Fault> {
+pub fn build(values: &Values) -> Result<Built, lights::Fault> {
     let mut b = Builder::default();
     let m = Materials {
         white: b.plain("paint", [0.78, 0.77, 0.74]),
@@ -72,13 +80,18 @@ pub fn build() -> Result<Built, lights::Fault> {
         ceiling(1.5, 5.06, 1.5, 0.2, warm)?,
         ceiling(6.5, 5.06, 1.5, 0.2, warm)?,
     ];
+    let mut moving = Vec::new();
+    if values.get(&PERSON) != 0.0 {
+        let clothes = [b.plain("jacket", [0.6, 0.12, 0.1]), b.plain("skin", [0.66, 0.46, 0.36])];
+        moving = moving::person(&mut b, clothes, WALK);
+    }
     let view = View {
         eye: Vec3::new(4.35, 1.55, 3.9),
         target: Vec3::new(1.2, 0.95, 0.3),
         up: Vec3::Y,
         vertical_fov_degrees: 62.0,
     };
-    Ok(Built { mesh: b.mesh, lights: lamps, sky: Vec3::ZERO, view, exposure_stops: 0.3, tracks: Vec::new() })
+    Ok(Built { mesh: b.mesh, lights: lamps, sky: Vec3::ZERO, view, exposure_stops: 0.3, tracks: Vec::new(), moving })
 }
 
 fn rooms(b: &mut Builder, m: &Materials) {

@@ -6,7 +6,7 @@ use glam::Vec3;
 
 use super::builder::{Blocks, Builder};
 use super::spec::{Parameter, Values};
-use super::{Built, builder};
+use super::{Built, builder, moving};
 use crate::import::{View, lights};
 
 /// Thickness of the walls.
@@ -25,8 +25,10 @@ const DOORWAY: Parameter = Parameter {
     range: 0.0..=2.0,
     is_whole: false,
 };
+/// A door in the doorway between the rooms.
+const SWINGING: Parameter = moving::flag("door", "with a door that closes and opens");
 /// Accepted parameters.
-pub const PARAMETERS: &[Parameter] = &[WALL, DOORWAY];
+pub const PARAMETERS: &[Parameter] = &[WALL, DOORWAY, SWINGING];
 
 /// Middle planes of the walls, m: the first room ends where the second begins.
 const X: [f32; 3] = [0.0, 4.0, 8.0];
@@ -55,6 +57,11 @@ pub fn build(values: &Values) -> Result<Built, lights::Fault> {
         0.0 => sheets(&mut b, wall, door),
         thickness => thick_walls(&mut b, wall, door, 0.5 * thickness),
     }
+    let mut moving = Vec::new();
+    if values.get(&SWINGING) != 0.0 {
+        let wood = b.plain("door", [0.55, 0.38, 0.24]);
+        moving.push(moving::door(&mut b, wood, Vec3::new(X[1], Y[0], door[0]), [2.0 * half, Y[1]]));
+    }
     let sun = lights::directional(Vec3::new(-0.75, -0.6, -0.25), Vec3::new(30.0, 28.0, 25.0))?;
     let view = View {
         eye: Vec3::new(0.5, 1.5, 0.5),
@@ -69,6 +76,7 @@ pub fn build(values: &Values) -> Result<Built, lights::Fault> {
         view,
         exposure_stops: 2.0,
         tracks: Vec::new(),
+        moving,
     })
 }
 

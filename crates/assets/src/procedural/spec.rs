@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 use std::ops::RangeInclusive;
 
-use super::{atrium, bay, blinds, city, clutter, corridor, islands, kitchen, rooms, stripes, window};
+use super::{atrium, bay, blinds, city, clutter, cornell, corridor, islands, kitchen, office, rooms, stripes, window};
 
 /// A number that a built-in scene is built with.
 #[derive(Clone, Debug)]
@@ -18,6 +18,13 @@ pub struct Parameter {
     pub range: RangeInclusive<f64>,
     /// True for a count.
     pub is_whole: bool,
+}
+
+impl Parameter {
+    /// Returns true of one that is there or not.
+    fn is_flag(&self) -> bool {
+        self.is_whole && self.range == (0.0..=1.0)
+    }
 }
 
 /// Edge of a square ground plane below the scene, m; without it there is none.
@@ -44,7 +51,11 @@ pub struct BuiltIn {
 
 /// All built-in scenes.
 pub const BUILT_IN: [BuiltIn; 16] = [
-    BuiltIn { name: "cornell", about: "the Cornell Box by its published measurements", parameters: &[] },
+    BuiltIn {
+        name: "cornell",
+        about: "the Cornell Box by its published measurements",
+        parameters: cornell::PARAMETERS,
+    },
     BuiltIn {
         name: "atrium",
         about: "a court with two storeys of arcades, cloth and an open roof",
@@ -55,7 +66,11 @@ pub const BUILT_IN: [BuiltIn; 16] = [
         about: "streets, and houses furnished in every room, in the low sun",
         parameters: city::PARAMETERS,
     },
-    BuiltIn { name: "office", about: "two offices and a corridor with lamps of several kinds", parameters: &[] },
+    BuiltIn {
+        name: "office",
+        about: "two offices and a corridor with lamps of several kinds",
+        parameters: office::PARAMETERS,
+    },
     BuiltIn { name: "sealed-box", about: "a closed box in the sun, seen from inside: dark", parameters: &[] },
     BuiltIn { name: "furnace", about: "a closed box that shines from everywhere", parameters: &[] },
     BuiltIn {
@@ -150,7 +165,9 @@ pub fn parse(spec: &str) -> Result<(&'static BuiltIn, Values), String> {
 }
 
 fn parse_item(scene: &'static BuiltIn, item: &str) -> Result<(&'static Parameter, f64), String> {
-    let (key, text) = item.split_once('=').unwrap_or((TRIANGLES, item));
+    // The name of a flag stands for itself.
+    let is_flag = scene.parameters.iter().any(|p| p.name == item && p.is_flag());
+    let (key, text) = item.split_once('=').unwrap_or(if is_flag { (item, "1") } else { (TRIANGLES, item) });
     let known = || scene.parameters.iter().chain([&GROUND]);
     let Some(parameter) = known().find(|p| p.name == key) else {
         let keys: Vec<&str> = known().map(|p| p.name).collect();
@@ -176,8 +193,10 @@ pub fn help() -> String {
     let mut text = String::from("Built-in scenes, NAME or NAME:KEY=VALUE,KEY=VALUE:\n");
     for scene in &BUILT_IN {
         // Writing into a string cannot fail.
-        let _ = writeln!(text, "  {:11} {}", scene.name, scene.about);
-        for p in scene.parameters {
+        let flags = scene.parameters.iter().filter(|p| p.is_flag());
+        let flags: String = flags.map(|p| format!("; {}:{} {}", scene.name, p.name, p.about)).collect();
+        let _ = writeln!(text, "  {:11} {}{flags}", scene.name, scene.about);
+        for p in scene.parameters.iter().filter(|p| !p.is_flag()) {
             let _ = writeln!(text, "  {:11}   {} [{}]: {}", "", p.name, p.default, p.about);
         }
     }
