@@ -290,3 +290,39 @@ fn a_door_changes_the_light_of_a_whole_room() {
         }
     }
 }
+
+#[test]
+fn scene_files_have_objects() {
+    let folder = tempfile::tempdir().unwrap();
+    let write = |name: &str, text: &str| {
+        let path = folder.path().join(name);
+        std::fs::write(&path, text).unwrap();
+        path
+    };
+    write("room.obj", "mtllib room.mtl\nusemtl paint\nv 0 0 0\nv 0 0 400\nv 400 0 0\nf 1 2 3\n");
+    write("room.mtl", "newmtl paint\nKd 0.5 0.5 0.5\n");
+    write("cart.obj", "v 0 0 0\nv 0 0 10\nv 10 0 0\nf 1 2 3\n");
+    let scene = |object: &str| {
+        let text = format!("version = 1\nmesh = \"room.obj\"\nmetres_per_unit = 0.01\n[[object]]\n{object}\n");
+        assets::load_or_build(write("scene.toml", &text).to_str().unwrap())
+    };
+    let keyframes = "keyframes = [{ time = 0, position = [100, 50, 100] }, \
+                     { time = 2, position = [200, 50, 100], degrees = 90 }]";
+    let loaded = scene(&format!("mesh = \"cart.obj\"\nmaterial = \"paint\"\n{keyframes}")).unwrap();
+    let cart = &loaded.moving[0];
+    assert_eq!((cart.name.as_str(), cart.corners.len(), loaded.scene.geometry.triangles.len()), ("cart", 3, 1));
+    let corner = cart.transform(2.0).transform_point3(Vec3::X * 0.1);
+    assert!((corner - Vec3::new(2.0, 0.5, 0.9)).length() < 1e-6, "{corner}");
+    assert_eq!(loaded.scene_at(1.0).unwrap().geometry.triangles.len(), 2);
+    assert!(loaded.files.iter().any(|file| file.ends_with("cart.obj")));
+    for (object, fault) in [
+        (format!("mesh = \"cart.obj\"\nmaterial = \"gold\"\n{keyframes}"), "no material of the mesh"),
+        (format!("mesh = \"no.obj\"\nmaterial = \"paint\"\n{keyframes}"), "no.obj"),
+        ("mesh = \"cart.obj\"\nmaterial = \"paint\"\nkeyframes = []".to_owned(), "is empty"),
+        (format!("mesh = \"cart.obj\"\nmaterial = \"paint\"\nspeed = 3\n{keyframes}"), "speed"),
+        (keyframes.to_owned(), "mesh"),
+    ] {
+        let error = scene(&object).err().map(|error| error.to_string()).unwrap_or_default();
+        assert!(error.contains(fault) && error.contains("scene.toml"), "{error}");
+    }
+}

@@ -12,7 +12,7 @@ use patchlight::{Bake, BakeJob, Observer, Picture, Refinement};
 use runtime::cpu::Cpu;
 use runtime::executor::{DeviceChoice, Executor, PassTime};
 use scene::kernel::camera::camera_direction;
-use scene::{DisplayTransform, Scene, Tone, Visibility as _};
+use scene::{DisplayTransform, NONE, Scene, Tone, Visibility as _};
 use winit::application::ApplicationHandler;
 use winit::dpi::PhysicalSize;
 use winit::event::WindowEvent;
@@ -379,6 +379,11 @@ impl<'a> App<'a> {
             return;
         };
         let object = triangle.object;
+        if object == NONE {
+            self.state.picked = None;
+            "it moves by itself: see Movement".clone_into(&mut self.state.facts.message);
+            return;
+        }
         let own = scene.geometry.triangles.iter().filter(|t| t.object == object);
         let corners = own.flat_map(|t| [t.corner, t.corner + t.edge_a, t.corner + t.edge_b]);
         let bounds = corners.fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(low, high), p| (low.min(p), high.max(p)));

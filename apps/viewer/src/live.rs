@@ -15,6 +15,7 @@ use runtime::executor::{Executor, PassTime};
 use scene::kernel::shade::{decode_srgb, encode_srgb};
 use scene::sampling::hammersley;
 use scene::{Camera, DisplayTransform, Scene};
+use shell::sequence::Moving;
 
 use crate::error::Error;
 use crate::eye::Eye;
@@ -39,6 +40,8 @@ struct Wanted {
     edits: Edits,
     albedo: Vec<Option<Vec3>>,
     object: Option<Object>,
+    /// Time of what moves, s.
+    time: f32,
     eye: Eye,
     size: (u32, u32),
     display: DisplayTransform,
@@ -53,6 +56,9 @@ pub struct Live {
     renderer: PictureRenderer,
     method: (String, MethodSettings),
     albedo: Vec<Option<Vec3>>,
+    /// Objects of the scene that move, and their time.
+    moving: Option<Moving>,
+    time: f32,
     /// Probes of the object, once it was there.
     probes: Option<LiveProbes>,
     sub_frames: u32,
@@ -127,13 +133,23 @@ impl Live {
             .with_receivers(ReceiverUpdate::InView)
             .with_direct(PixelLight::Smooth)
             .with_materials(state.reflection);
-        let renderer = PictureRenderer::of_bake(bake, executor, &light, &pictures, observer)?;
+        let mut renderer = PictureRenderer::of_bake(bake, executor, &light, &pictures, observer)?;
+        let moving = match Moving::add(renderer.light_mut(), &state.moving) {
+            Ok(moving) => Some(moving),
+            Err(error) if error.kind() == patchlight::ErrorKind::Unsupported => {
+                observer.warn(&format!("nothing moves: {error}"));
+                None
+            }
+            Err(error) => return Err(error.into()),
+        };
         let method = (chosen.name.clone(), chosen.settings);
         let albedo = vec![None; state.albedo.len()];
         Ok(Self {
             renderer,
             method,
             albedo,
+            moving,
+            time: 0.0,
             probes: None,
             sub_frames: state.sub_frames,
             last: None,
@@ -199,6 +215,7 @@ impl Live {
         self.set_method(state, observer)?;
         self.set_albedo(state)?;
         self.place_probes(state, observer)?;
+        self.move_objects(state)?;
         let shown = self.last.clone();
         if size != self.size() || state.sub_frames != self.sub_frames {
             self.renderer.resize(size, state.sub_frames)?;
@@ -209,6 +226,7 @@ impl Live {
             edits: state.lighting.edits(),
             albedo: self.albedo.clone(),
             object: Some(state.object).filter(|object| object.is_on),
+            time: state.time,
             eye: state.eye,
             size,
             display: state.display,
@@ -297,6 +315,16 @@ impl Live {
                 self.renderer.set_method(self.method.1, observer)?;
             }
         }
+        Ok(())
+    }
+
+    /// Moves what moves to where it is at its time.
+    fn move_objects(&mut self, state: &State) -> Result<(), Error> {
+        if let Some(moving) = self.moving.as_ref().filter(|_| state.time != self.time) {
+            let places: Vec<_> = state.moving.iter().map(|object| object.transform(state.time)).collect();
+            moving.place(self.renderer.light_mut(), &places)?;
+        }
+        self.time = state.time;
         Ok(())
     }
 

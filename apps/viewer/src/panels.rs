@@ -60,6 +60,9 @@ fn sections(ui: &mut Ui, state: &mut State) {
     section(ui, "Compare", false, |ui| compare(ui, state));
     section(ui, "Materials", false, |ui| materials(ui, state));
     section(ui, "Object", false, |ui| object(ui, state));
+    if !state.moving.is_empty() {
+        section(ui, "Movement", true, |ui| movement(ui, state));
+    }
     section(ui, "Times", true, |ui| times(ui, state));
     section(ui, "Memory", false, |ui| memory(ui, state));
     if !state.facts.message.is_empty() {
@@ -207,6 +210,12 @@ fn lights(ui: &mut Ui, state: &mut State) {
     if state.lighting.has_sky() {
         ui.add(Slider::new(&mut state.lighting.sky_scale, 0.0..=4.0).text("sky"));
     }
+}
+
+/// Time of the objects of the scene that move.
+fn movement(ui: &mut Ui, state: &mut State) {
+    ui.add(Slider::new(&mut state.time, 0.0..=state.duration).text("time, s"));
+    ui.checkbox(&mut state.is_playing, "goes on");
 }
 
 /// Position and direction of the light that is selected.

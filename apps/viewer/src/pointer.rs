@@ -46,6 +46,10 @@ pub fn show(ui: &mut Ui, state: &mut State, picture: Rect) {
         fly(ui, &mut state.eye);
         commands(ui, state);
     }
+    if state.is_playing {
+        state.play(ui.input(|input| input.stable_dt.min(LONGEST_STEP)));
+        ui.ctx().request_repaint();
+    }
     if state.split.is_on {
         divider(ui, state, picture);
     }

@@ -45,6 +45,7 @@ emission MATERIAL R G B      emitted radiance, W/m2/sr
 albedo MATERIAL R G B|bake   share of the light that it reflects; that of the bake again
 object ahead|X Y Z|off       a ball before the camera or there, m, lit by probes
 object radius M | albedo R G B
+time S | play on|off          time of the objects of the scene that move, s; it goes on or stands
 move OBJECT X Y Z            an object of the scene, by its name or its number from 1, by so much, m
 exposure STOPS|auto
 tone agx|neutral|none
@@ -118,6 +119,8 @@ enum Command {
     Albedo { material: String, albedo: Option<Vec3> },
     Object(ObjectChange),
     Move { object: String, way: Vec3 },
+    Time(f32),
+    Play(bool),
     Exposure(Option<f32>),
     Tone(Tone),
     Camera(usize),
@@ -343,6 +346,13 @@ fn apply(command: &Command, state: &mut State) -> Result<(), String> {
             state.albedo[index] = *albedo;
         }
         Command::Object(change) => change_object(state, *change)?,
+        Command::Time(time) => {
+            if !(0.0..=state.duration).contains(time) {
+                return Err(format!("the scene has movement from 0 to {} s", state.duration));
+            }
+            state.time = *time;
+        }
+        Command::Play(is_on) => state.is_playing = *is_on,
         Command::Move { object, way } => {
             let object = state.scene_object(object)?;
             state.requests.push(Request::Move { object, way: *way });
@@ -453,6 +463,8 @@ impl Words<'_> {
             "emission" | "albedo" => self.material(),
             "object" => self.object(),
             "move" => self.movement(),
+            "time" => Ok(Command::Time(self.only("S")?)),
+            "play" => self.count(2..=2, "on|off").and_then(|()| Ok(Command::Play(self.switch(1)?))),
             "camera" | "eye" | "method" | "view" => self.look(),
             "exposure" | "tone" | "split" | "panels" | "smooth" | "sub-frames" => self.setting(),
             "screenshot" => self.screenshot(),

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use assets::LoadedScene;
-use assets::import::Target;
+use assets::import::{MovingObject, Target};
 use glam::Vec3;
 use patchlight::debug::DebugKind;
 use patchlight::{Bake, BakeProgress, MethodSettings, ReceiverKind};
@@ -178,8 +178,16 @@ pub struct State {
     pub albedo: Vec<Option<Vec3>>,
     /// Albedo of each in the bake; none of a texture.
     pub own_albedo: Vec<Option<Vec3>>,
-    /// Object that moves through the scene.
+    /// Ball that moves through the scene, lit by probes.
     pub object: Object,
+    /// Objects of the scene that move.
+    pub moving: Vec<MovingObject>,
+    /// Their time, s.
+    pub time: f32,
+    /// Time of their last pose, s.
+    pub duration: f32,
+    /// True if the time goes on.
+    pub is_playing: bool,
     /// True if the bake has receivers that tell where its probes have light.
     pub has_probes: bool,
     /// The light whose numbers are shown.
@@ -227,6 +235,10 @@ impl State {
             albedo: vec![None; bake.scene().materials.len()],
             own_albedo: bake.scene().materials.iter().map(own_albedo).collect(),
             object: Object::new(OBJECT_RADIUS * metres),
+            moving: loaded.moving.clone(),
+            time: 0.0,
+            duration: loaded.moving_duration(),
+            is_playing: false,
             has_probes: bake.settings().receivers == ReceiverKind::Mesh,
             selected: None,
             distance: 0.25 * metres,
@@ -243,6 +255,13 @@ impl State {
         sun.light.direction = -to_sun;
         sun.is_up = to_sun.dot(up) > 0.0;
         true
+    }
+
+    /// Lets the time of what moves go on, from the end to the beginning.
+    pub fn play(&mut self, seconds: f32) {
+        if self.is_playing && self.duration > 0.0 {
+            self.time = (self.time + seconds) % self.duration;
+        }
     }
 
     /// A place before the eye, m.

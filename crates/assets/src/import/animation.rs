@@ -91,9 +91,14 @@ impl Animation {
         self.tracks.iter().filter_map(|t| t.keyframes.last()).map(|k| k.time).fold(0.0, f32::max)
     }
 
-    /// A movement of one second for any scene: its own when it has one, else [`Animation::default_path`].
+    /// A movement of one second for any scene: its own when it has one, or objects that move, else
+    /// [`Animation::default_path`].
     pub fn or_default_path(scene: &LoadedScene) -> Self {
-        if scene.animation.tracks.is_empty() { Self::default_path(scene) } else { scene.animation.clone() }
+        if scene.animation.tracks.is_empty() && scene.moving.is_empty() {
+            Self::default_path(scene)
+        } else {
+            scene.animation.clone()
+        }
     }
 
     /// A movement of one second for any scene, whatever its own: each directional light is turned by ±25°

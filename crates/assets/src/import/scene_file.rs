@@ -3,17 +3,17 @@
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
-use glam::Vec3;
+use glam::{Quat, Vec3};
 use scene::gpu::{LIGHT_DIRECTIONAL, LIGHT_POINT};
 use scene::{Light, NONE, Sky};
 use serde::Deserialize;
 use toml::Spanned;
 
-use super::draft::{Mesh, Setting, finish};
+use super::draft::{FileTriangle, Mesh, Setting, finish};
 use super::lights::{self, Fault, Mounting};
 use super::luminaire::Luminaires;
 use super::optics::INDICES;
-use super::{ImportError, Keyframe, LoadOptions, LoadedScene, Target, Track, View};
+use super::{ImportError, Keyframe, LoadOptions, LoadedScene, MovingObject, Pose, Target, Track, View};
 
 /// Most absorption of a medium, 1/m: nothing is seen through a tenth of a millimetre.
 const MAX_ABSORPTION: f32 = 1e6;
@@ -40,6 +40,8 @@ struct SceneTable {
     light: Vec<Spanned<LightTable>>,
     #[serde(default)]
     animation: Vec<Spanned<AnimationTable>>,
+    #[serde(default)]
+    object: Vec<Spanned<ObjectTable>>,
 }
 
 #[derive(Deserialize)]
@@ -117,6 +119,25 @@ struct KeyframeTable {
     value: [f32; 3],
 }
 
+/// An object that moves.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct ObjectTable {
+    name: Option<String>,
+    mesh: String,
+    material: String,
+    keyframes: Vec<PoseTable>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct PoseTable {
+    time: f32,
+    position: [f32; 3],
+    axis: Option<[f32; 3]>,
+    degrees: Option<f32>,
+}
+
 /// The file's text, for places in messages.
 struct Text<'a> {
     path: &'a Path,
@@ -189,7 +210,69 @@ pub fn load(path: &Path, options: &LoadOptions) -> Result<LoadedScene, ImportErr
         change_material(material.as_ref(), &mut mesh)
             .map_err(|(key, reason)| text.value(material.span(), &format!("material, {key}"), reason))?;
     }
+    for object in &table.object {
+        let moving = read_object(&text, object, &mesh, &mut setting, options)?;
+        setting.moving.push(moving);
+    }
     finish(mesh, setting, options)
+}
+
+/// An object that moves, with the mesh that it names.
+fn read_object(
+    text: &Text,
+    object: &Spanned<ObjectTable>,
+    mesh: &Mesh,
+    setting: &mut Setting,
+    options: &LoadOptions,
+) -> Result<MovingObject, ImportError> {
+    let table = object.as_ref();
+    let fault = |(key, reason): Fault| text.value(object.span(), &format!("object, {key}"), reason);
+    let poses = build_poses(table, setting.metres_per_unit).map_err(fault)?;
+    let Some(material) = mesh.materials.iter().position(|material| material.name == table.material) else {
+        let known: Vec<&str> = mesh.materials.iter().map(|m| m.name.as_str()).collect();
+        let reason = format!("\"{}\" is no material of the mesh, which has {}", table.material, known.join(", "));
+        return Err(fault(("material", reason)));
+    };
+    let path = beside(text.path, &table.mesh);
+    if !path.exists() {
+        return Err(ImportError::MissingMesh { path: text.path.to_path_buf(), mesh: path });
+    }
+    let own = super::read_mesh(&path, options)?;
+    setting.files.extend(own.files);
+    let scale = setting.metres_per_unit;
+    let has_area = |t: &&FileTriangle| {
+        let [a, b, c] = t.corners.map(|corner| corner * scale);
+        let area = (b - a).cross(c - a).length();
+        area > 0.0 && area.is_finite()
+    };
+    let corners: Vec<Vec3> =
+        own.triangles.iter().filter(has_area).flat_map(|t| t.corners.map(|corner| corner * scale)).collect();
+    if corners.is_empty() {
+        return Err(fault(("mesh", format!("{} has no triangle with an area", path.display()))));
+    }
+    let stem = path.file_stem().map_or_else(String::new, |stem| stem.to_string_lossy().into_owned());
+    let name = table.name.clone().unwrap_or(stem);
+    Ok(MovingObject { name, material, corners, poses })
+}
+
+fn build_poses(table: &ObjectTable, scale: f32) -> Result<Vec<Pose>, Fault> {
+    if table.keyframes.is_empty() {
+        return Err(("keyframes", String::from("is empty; give at least one { time, position }")));
+    }
+    let mut poses: Vec<Pose> = Vec::with_capacity(table.keyframes.len());
+    for k in &table.keyframes {
+        if !k.time.is_finite() || poses.last().is_some_and(|last| k.time <= last.time) {
+            return Err(("keyframes", format!("time {} is not after the one before; give ascending times", k.time)));
+        }
+        let position = lights::check_position("keyframes", Vec3::from(k.position))? * scale;
+        let degrees = k.degrees.unwrap_or(0.0);
+        let axis = Vec3::from(k.axis.unwrap_or([0.0, 1.0, 0.0]));
+        let Some(axis) = axis.try_normalize().filter(|_| degrees.is_finite()) else {
+            return Err(("keyframes", String::from("axis must have a length, and degrees be a finite number")));
+        };
+        poses.push(Pose { time: k.time, position, rotation: Quat::from_axis_angle(axis, degrees.to_radians()) });
+    }
+    Ok(poses)
 }
 
 /// Length of a unit and exposure.

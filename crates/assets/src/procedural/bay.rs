@@ -88,7 +88,15 @@ pub fn build(values: &Values) -> Result<Built, lights::Fault> {
         up: Vec3::Y,
         vertical_fov_degrees: 54.0,
     };
-    Ok(Built { mesh: b.mesh, lights: Vec::new(), sky: Vec3::ZERO, view, exposure_stops: 0.5, tracks: Vec::new(), moving: Vec::new() })
+    Ok(Built {
+        mesh: b.mesh,
+        lights: Vec::new(),
+        sky: Vec3::ZERO,
+        view,
+        exposure_stops: 0.5,
+        tracks: Vec::new(),
+        moving: Vec::new(),
+    })
 }
 
 /// Walls, floor and ceiling; openings go through the wall.

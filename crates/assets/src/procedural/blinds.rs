@@ -58,5 +58,13 @@ pub fn build(values: &Values) -> Result<Built, lights::Fault> {
         vertical_fov_degrees: 62.0,
     };
     let sky = Vec3::new(1.2, 1.6, 2.4);
-    Ok(Built { mesh: b.mesh, lights: vec![sun], sky, view, exposure_stops: 1.0, tracks: Vec::new(), moving: Vec::new() })
+    Ok(Built {
+        mesh: b.mesh,
+        lights: vec![sun],
+        sky,
+        view,
+        exposure_stops: 1.0,
+        tracks: Vec::new(),
+        moving: Vec::new(),
+    })
 }

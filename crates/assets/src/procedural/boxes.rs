@@ -17,7 +17,15 @@ pub fn furnace() -> Built {
     b.object("box");
     inside_out(&mut b, wall, Vec3::splat(-1.0), Vec3::ONE);
     let view = View { eye: Vec3::new(0.0, 0.0, 0.9), target: Vec3::ZERO, up: Vec3::Y, vertical_fov_degrees: 70.0 };
-    Built { mesh: b.mesh, lights: Vec::new(), sky: Vec3::ZERO, view, exposure_stops: 0.0, tracks: Vec::new(), moving: Vec::new() }
+    Built {
+        mesh: b.mesh,
+        lights: Vec::new(),
+        sky: Vec3::ZERO,
+        view,
+        exposure_stops: 0.0,
+        tracks: Vec::new(),
+        moving: Vec::new(),
+    }
 }
 
 /// A closed box of 2 m with walls without thickness over a sunny ground; the camera is inside, where no light may be.

@@ -235,7 +235,15 @@ pub fn build(triangles: usize) -> Result<Built, lights::Fault> {
 
     let sun = lights::directional(Vec3::new(0.62, -0.62, 0.48), Vec3::new(15.0, 12.2, 8.6))?;
     let (view, tracks) = flight(&plan);
-    Ok(Built { mesh: b.mesh, lights: vec![sun], sky: Vec3::new(0.55, 0.75, 1.15), view, exposure_stops: -0.3, tracks, moving: Vec::new() })
+    Ok(Built {
+        mesh: b.mesh,
+        lights: vec![sun],
+        sky: Vec3::new(0.55, 0.75, 1.15),
+        view,
+        exposure_stops: -0.3,
+        tracks,
+        moving: Vec::new(),
+    })
 }
 
 /// A lot with its four houses; returns its trees.

@@ -61,7 +61,15 @@ pub fn build(values: &Values) -> Result<Built, lights::Fault> {
         vertical_fov_degrees: 62.0,
     };
     let sky = Vec3::new(1.2, 1.6, 2.4);
-    Ok(Built { mesh: b.mesh, lights: vec![lamp, sun], sky, view, exposure_stops: 1.0, tracks: Vec::new(), moving: Vec::new() })
+    Ok(Built {
+        mesh: b.mesh,
+        lights: vec![lamp, sun],
+        sky,
+        view,
+        exposure_stops: 1.0,
+        tracks: Vec::new(),
+        moving: Vec::new(),
+    })
 }
 
 /// A chair with the middle of its seat above `at`, its back to the other side than `facing` (1 or −1 along z).

@@ -80,5 +80,13 @@ pub fn build(values: &Values) -> Result<Built, lights::Fault> {
         // Focal length 35 mm, film 25 mm: 2·atan(12.5/35).
         vertical_fov_degrees: 39.307_65,
     };
-    Ok(Built { mesh: b.mesh, lights: vec![lamp], sky: Vec3::ZERO, view, exposure_stops: 1.8, tracks: Vec::new(), moving })
+    Ok(Built {
+        mesh: b.mesh,
+        lights: vec![lamp],
+        sky: Vec3::ZERO,
+        view,
+        exposure_stops: 1.8,
+        tracks: Vec::new(),
+        moving,
+    })
 }

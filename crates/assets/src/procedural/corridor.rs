@@ -57,5 +57,13 @@ pub fn build(values: &Values) -> Result<Built, lights::Fault> {
         up: Vec3::Y,
         vertical_fov_degrees: 60.0,
     };
-    Ok(Built { mesh: b.mesh, lights: vec![lamp], sky: Vec3::ZERO, view, exposure_stops: 2.0, tracks: Vec::new(), moving: Vec::new() })
+    Ok(Built {
+        mesh: b.mesh,
+        lights: vec![lamp],
+        sky: Vec3::ZERO,
+        view,
+        exposure_stops: 2.0,
+        tracks: Vec::new(),
+        moving: Vec::new(),
+    })
 }

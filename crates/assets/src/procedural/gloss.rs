@@ -71,7 +71,15 @@ pub fn build() -> Result<Built, lights::Fault> {
         vertical_fov_degrees: 58.0,
     };
     let lights: Vec<Light> = vec![sun, bulb];
-    Ok(Built { mesh: b.mesh, lights, sky: Vec3::new(1.4, 1.8, 2.6), view, exposure_stops: 0.5, tracks: Vec::new(), moving: Vec::new() })
+    Ok(Built {
+        mesh: b.mesh,
+        lights,
+        sky: Vec3::new(1.4, 1.8, 2.6),
+        view,
+        exposure_stops: 0.5,
+        tracks: Vec::new(),
+        moving: Vec::new(),
+    })
 }
 
 /// A ball that is shaded smoothly.

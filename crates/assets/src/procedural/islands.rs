@@ -65,5 +65,13 @@ pub fn build(values: &Values) -> Result<Built, lights::Fault> {
         vertical_fov_degrees: 50.0,
     };
     let sky = SUN * values.get_f32(&SKY);
-    Ok(Built { mesh: b.mesh, lights: vec![sun], sky, view, exposure_stops: -2.0, tracks: Vec::new(), moving: Vec::new() })
+    Ok(Built {
+        mesh: b.mesh,
+        lights: vec![sun],
+        sky,
+        view,
+        exposure_stops: -2.0,
+        tracks: Vec::new(),
+        moving: Vec::new(),
+    })
 }

@@ -70,7 +70,15 @@ pub fn build(values: &Values) -> Result<Built, lights::Fault> {
         vertical_fov_degrees: 66.0,
     };
     let sky = Vec3::new(0.9, 1.2, 1.8);
-    Ok(Built { mesh: b.mesh, lights: vec![sun], sky, view, exposure_stops: 1.5, tracks: Vec::new(), moving: Vec::new() })
+    Ok(Built {
+        mesh: b.mesh,
+        lights: vec![sun],
+        sky,
+        view,
+        exposure_stops: 1.5,
+        tracks: Vec::new(),
+        moving: Vec::new(),
+    })
 }
 
 /// Cupboards along the wall at z = 0, on the floor and on the wall, each with a front of its own.

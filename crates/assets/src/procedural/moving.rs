@@ -58,8 +58,7 @@ fn capsule(b: &mut Builder, material: u32, [from, to]: [Vec3; 2], radius: f32) {
     let last = rows.len() - 2;
     for (k, pair) in rows.windows(2).enumerate() {
         for side in 0..SIDES {
-            let [a, b_, c, d] =
-                [at(pair[0], side), at(pair[0], side + 1), at(pair[1], side + 1), at(pair[1], side)];
+            let [a, b_, c, d] = [at(pair[0], side), at(pair[0], side + 1), at(pair[1], side + 1), at(pair[1], side)];
             if k > 0 {
                 b.triangle(material, [a, b_, c], uvs);
             }

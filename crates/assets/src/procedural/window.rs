@@ -54,7 +54,15 @@ pub fn build(values: &Values) -> Result<Built, lights::Fault> {
         vertical_fov_degrees: 62.0,
     };
     let sky = Vec3::new(5.0, 6.0, 8.0);
-    Ok(Built { mesh: b.mesh, lights: Vec::new(), sky, view, exposure_stops: 0.0, tracks: Vec::new(), moving: Vec::new() })
+    Ok(Built {
+        mesh: b.mesh,
+        lights: Vec::new(),
+        sky,
+        view,
+        exposure_stops: 0.0,
+        tracks: Vec::new(),
+        moving: Vec::new(),
+    })
 }
 
 /// Bars round and between all panes; they end at the sides of the window.
