@@ -34,6 +34,8 @@ pub enum Experiment {
     Frame,
     /// A bake that goes on beside the picture: its error over time, beside the path tracer's and DDGI's.
     Refine,
+    /// Objects that move and a door: light near them beside path tracing, DDGI, and the time that they take.
+    Moving,
     /// A whole bake: time and busy cores of its phases, memory; by turns with another program.
     Bake,
     /// Time of products and of sampled light over the number of patches: `thesis table1`.
@@ -69,7 +71,7 @@ pub struct Bench {
     #[arg(value_enum)]
     pub name: Experiment,
     /// Scene files or built-in scenes, for thesis behind the figure [default: clean rooms stripes blinds clutter window
-    /// corridor, leaks rooms corridor blinds clutter, bake, frame, refine and scaling office, materials cornell, table3, step and
+    /// corridor, leaks rooms corridor blinds clutter, moving cornell:block office:person atrium:lorry, bake, frame, refine and scaling office, materials cornell, table3, step and
     /// unseen cornell office, others cornell atrium; leaks, table3 and unseen the shared ones, too].
     pub scenes: Vec<String>,
     /// Patches [default: patches 1000,2000,5000,10000,20000, clean and firstshot 4000, scaling 512 to 262144, leaks,
@@ -206,6 +208,7 @@ impl Bench {
             | Experiment::Unseen
             | Experiment::Scaling
             | Experiment::Refine
+            | Experiment::Moving
             | Experiment::Thesis => (240, 135),
             _ => (480, 360),
         })

@@ -11,6 +11,7 @@ mod leaks;
 mod lights;
 mod local;
 mod materials;
+mod moving;
 mod operator;
 mod patches;
 mod proof;
@@ -103,6 +104,7 @@ pub fn run(common: &Common, args: &Bench) -> Result<(), Error> {
         Experiment::Local => local::run(common, args),
         Experiment::Frame => frame::run(common, args),
         Experiment::Refine => refine::run(common, args),
+        Experiment::Moving => moving::run(common, args),
         Experiment::Bake => bake::run(common, args),
         Experiment::Table3 => study::run::<table3::Table3>(common, args),
         Experiment::Leaks => study::run::<leaks::Leaks>(common, args),

@@ -56,6 +56,12 @@ pub enum Error {
         /// Scenes that are named.
         found: usize,
     },
+    /// A scene at rest where movement is measured.
+    #[error("nothing moves in {scene}; give a scene with objects that do, such as office:person")]
+    NothingMoves {
+        /// The scene.
+        scene: String,
+    },
     /// Another program that is measured beside ours.
     #[error("{}: {why}; --against takes a `patchlight` program that can bake the scene", program.display())]
     Against {
