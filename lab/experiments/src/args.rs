@@ -71,8 +71,9 @@ pub struct Bench {
     #[arg(value_enum)]
     pub name: Experiment,
     /// Scene files or built-in scenes, for thesis behind the figure [default: clean rooms stripes blinds clutter window
-    /// corridor, leaks rooms corridor blinds clutter, moving cornell:block office:person atrium:lorry, bake, frame, refine and scaling office, materials cornell, table3, step and
-    /// unseen cornell office, others cornell atrium; leaks, table3 and unseen the shared ones, too].
+    /// corridor, leaks rooms corridor blinds clutter, moving cornell:block office:person atrium:lorry, bake, frame,
+    /// refine and scaling office, materials cornell, table3, step and unseen cornell office, others cornell atrium;
+    /// leaks, table3 and unseen the shared ones, too].
     pub scenes: Vec<String>,
     /// Patches [default: patches 1000,2000,5000,10000,20000, clean and firstshot 4000, scaling 512 to 262144, leaks,
     /// materials, spread, step, table3 and unseen 2000, thesis by figure, curves 1000,2000,4000,10000,20000 (clean),

@@ -90,6 +90,11 @@ impl Movers<'_> {
         if !near.iter().any(|ball| ball.is_met(position, way, longest)) {
             return None;
         }
+        self.met(position, way, longest)
+    }
+
+    /// [`Self::on_the_way`] of a way that comes near.
+    fn met(&self, position: Vec3, way: Vec3, longest: f32) -> Option<u32> {
         let hit = self.geometry.closest_moving(position, way, longest);
         (hit.triangle != NONE).then(|| self.column(hit.triangle))
     }
@@ -103,16 +108,27 @@ impl Movers<'_> {
     }
 
     /// Columns of rows that begin at a point which meet what moves on their way.
-    fn replaced(&self, near: &[Ball], from: Vec3, elements: &[Patch], columns: &mut Vec<u32>) -> Vec<(u32, u32)> {
-        columns.sort_unstable();
-        columns.dedup();
+    fn replaced(
+        &self,
+        near: &[Ball],
+        from: Vec3,
+        elements: &[Patch],
+        columns: impl Iterator<Item = u32>,
+    ) -> Vec<(u32, u32)> {
         let offset = self.geometry.ray_offset;
-        let column = |&column: &u32| {
+        let way = |column: u32| {
             let element = &elements[column as usize];
-            let way = element.centroid + element.normal * offset - from;
-            Some((column, self.on_the_way(near, from, way, 1.0)?))
+            element.centroid + element.normal * offset - from
         };
-        columns.iter().filter_map(column).collect()
+        // Most columns are nowhere near, and stand in the row several times.
+        let comes_near = |&column: &u32| {
+            let way = way(column);
+            near.iter().any(|ball| ball.is_met(from, way, 1.0))
+        };
+        let mut met: Vec<u32> = columns.filter(comes_near).collect();
+        met.sort_unstable();
+        met.dedup();
+        met.into_iter().filter_map(|column| Some((column, self.met(from, way(column), 1.0)?))).collect()
     }
 
     /// Rows of elements that change.
@@ -123,8 +139,7 @@ impl Movers<'_> {
                 return None;
             }
             let from = element.centroid + element.normal * self.geometry.ray_offset;
-            let mut columns: Vec<u32> = rows.quad_columns(item).collect();
-            let columns = self.replaced(&near, from, elements, &mut columns);
+            let columns = self.replaced(&near, from, elements, rows.quad_columns(item));
             (!columns.is_empty()).then(|| RowChange { item: item as u32, columns, ..RowChange::default() })
         };
         elements.par_iter().enumerate().filter_map(change).collect()
@@ -145,8 +160,8 @@ impl Movers<'_> {
             }
             let from = receiver.position + receiver.normal * self.geometry.ray_offset;
             let own = QUADRANTS * item..QUADRANTS * (item + 1);
-            let mut columns: Vec<u32> = own.clone().flat_map(|row| rows.quad_columns(row)).collect();
-            let columns = self.replaced(&near, from, elements, &mut columns);
+            let columns = own.clone().flat_map(|row| rows.quad_columns(row));
+            let columns = self.replaced(&near, from, elements, columns);
             let mut change = RowChange { item: item as u32, columns, ..RowChange::default() };
             for (more, row) in change.more.iter_mut().zip(own) {
                 let mut met: Vec<(u32, u32)> = Vec::new();
