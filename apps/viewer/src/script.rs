@@ -772,6 +772,8 @@ mod tests {
             object albedo 0.8 0.8 0.8
             object off
             move tall block 0 0 0.5
+            time 1.5
+            play on
             exposure -1
             exposure auto
             tone neutral
@@ -786,7 +788,7 @@ mod tests {
             screenshot a.png
             quit";
         let script = parse(text).unwrap();
-        assert_eq!(script.commands.len(), 41);
+        assert_eq!(script.commands.len(), 43);
         let radiance = Vec3::new(1.0, 2.0, 3.0);
         let emission = Command::Emission { material: "big lamp".into(), radiance };
         assert!(script.commands.contains(&(22, emission)), "{:?}", script.commands);

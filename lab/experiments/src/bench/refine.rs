@@ -227,7 +227,8 @@ fn paths(view: &View, until: f64, judge: &Judge) -> Result<Vec<Row>, Error> {
     let mut passes = FIRST_LOOK;
     while seconds < until {
         let start = Instant::now();
-        tracer.accumulate(&view.camera, &mut sums, passes, |_, _| match is_cancelled() {
+        let target = sums.samples() + passes;
+        tracer.accumulate(&view.camera, &mut sums, target, |_, _| match is_cancelled() {
             true => std::ops::ControlFlow::Break(()),
             false => std::ops::ControlFlow::Continue(()),
         })?;
