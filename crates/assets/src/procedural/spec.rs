@@ -75,7 +75,7 @@ pub const BUILT_IN: [BuiltIn; 16] = [
     BuiltIn { name: "furnace", about: "a closed box that shines from everywhere", parameters: &[] },
     BuiltIn {
         name: "rooms",
-        about: "two rooms with thin walls on one floor that goes on outside, sun on one side",
+        about: "thin-walled rooms on a floor that goes on outside, sun on one side",
         parameters: rooms::PARAMETERS,
     },
     BuiltIn {
@@ -194,7 +194,7 @@ pub fn help() -> String {
     for scene in &BUILT_IN {
         // Writing into a string cannot fail.
         let flags = scene.parameters.iter().filter(|p| p.is_flag());
-        let flags: String = flags.map(|p| format!("; {}:{} {}", scene.name, p.name, p.about)).collect();
+        let flags: String = flags.map(|p| format!("; or {}:{}", scene.name, p.name)).collect();
         let _ = writeln!(text, "  {:11} {}{flags}", scene.name, scene.about);
         for p in scene.parameters.iter().filter(|p| !p.is_flag()) {
             let _ = writeln!(text, "  {:11}   {} [{}]: {}", "", p.name, p.default, p.about);
