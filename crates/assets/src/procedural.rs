@@ -8,7 +8,7 @@
 //! | `office` | two offices and a corridor with rectangle lights and luminous panels |
 //! | `sealed-box` | a closed box in the sun, seen from inside: dark |
 //! | `furnace` | a closed box that shines from everywhere: H = M/(1 − ρ) |
-//! | `rooms` | two rooms with thin walls on one floor that goes on outside, below one slab; sun on one side; `rooms:door` closes and opens the door between them |
+//! | `rooms` | two rooms with thin walls on one floor that goes on outside, below one slab; sun on one side |
 //! | `stripes` | a lamp-lit room with painted stripes, a carpet and a poster, 0.2 to 5 mm off what they lie on |
 //! | `blinds` | a room that the sun enters through slats |
 //! | `clutter` | a room full of thin-legged chairs, knobs and frames, with a small patch of sun |
@@ -19,6 +19,7 @@
 //! | `bay` | shining panes close behind arched and straight frames in deep reveals, blinds half down |
 //! | `gloss` | varnished boards, bricks by a normal map, balls of brushed metal and plastic; for `Materials::Gltf` |
 //!
+//! `cornell:block`, `office:person`, `rooms:door` and `atrium:lorry` have objects that move, too.
 //! `NAME:KEY=VALUE,KEY=VALUE` gives parameters ([`BUILT_IN`]); `ground` is one of all scenes.
 
 use std::path::Path;
