@@ -1,10 +1,11 @@
 //! What moves through built-in scenes: a person who walks, a door, a lorry, a block that turns.
 
-use std::f32::consts::{FRAC_PI_2, PI, TAU};
+use std::f32::consts::{FRAC_PI_2, TAU};
 
 use glam::{Quat, Vec2, Vec3};
+use scene::math::atan2;
 
-use super::builder::Builder;
+use super::builder::{Builder, sin_cos};
 use super::spec::Parameter;
 use crate::import::{MovingObject, Pose};
 
@@ -45,14 +46,14 @@ fn capsule(b: &mut Builder, material: u32, [from, to]: [Vec3; 2], radius: f32) {
     let axis = (to - from).normalize();
     let across = axis.any_orthonormal_vector();
     let other = axis.cross(across);
-    // From the pole of one cap to that of the other: an angle, and the end about which it is.
-    let rows: Vec<(f32, Vec3)> = (0..=CAP_ROWS)
-        .map(|k| (-FRAC_PI_2 + FRAC_PI_2 * k as f32 / CAP_ROWS as f32, from))
-        .chain((0..=CAP_ROWS).map(|k| (FRAC_PI_2 * k as f32 / CAP_ROWS as f32, to)))
-        .collect();
+    // From the pole of one cap to that of the other: shares of a turn, and the end about which they are.
+    let share = |k: u32| 0.25 * k as f32 / CAP_ROWS as f32;
+    let rows: Vec<(f32, Vec3)> =
+        (0..=CAP_ROWS).map(|k| (share(k) - 0.25, from)).chain((0..=CAP_ROWS).map(|k| (share(k), to))).collect();
     let at = |row: (f32, Vec3), side: u32| {
-        let turn = TAU * side as f32 / SIDES as f32;
-        row.1 + radius * (axis * row.0.sin() + (across * turn.cos() + other * turn.sin()) * row.0.cos())
+        let round = sin_cos(side as f32 / SIDES as f32);
+        let up = sin_cos(row.0);
+        row.1 + radius * (axis * up.0 + (across * round.1 + other * round.0) * up.1)
     };
     let uvs = [Vec2::ZERO, Vec2::X, Vec2::Y];
     let last = rows.len() - 2;
@@ -77,12 +78,12 @@ const SWING: [f32; 2] = [0.45, 0.35];
 pub fn person(b: &mut Builder, [cloth, skin]: [u32; 2], [from, to]: [Vec3; 2]) -> Vec<MovingObject> {
     let way = to - from;
     let seconds = way.length() / STEP.1 * STEP.0;
-    let facing = Quat::from_rotation_y(way.x.atan2(way.z));
+    let facing = Quat::from_rotation_y(atan2(way.x, way.z));
     let steps = (8.0 * seconds / STEP.0).ceil() as u32;
     // A part that hangs from a joint, whose swing has a sign and a size.
     let mut part = |name: &str, material: u32, joint: Vec3, swing: f32, line: [Vec3; 2], radius: f32| {
         let at = |time: f32| {
-            let angle = swing * (PI * time / STEP.0).sin();
+            let angle = swing * sin_cos(0.5 * time / STEP.0).0;
             (from + way * (time / seconds) + facing * joint, facing * Quat::from_rotation_x(angle))
         };
         object(b, name, material, poses(seconds, steps, at), |b| capsule(b, material, line, radius))
