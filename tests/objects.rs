@@ -1,5 +1,7 @@
 //! Objects that move through a bake: beside path tracing of the scene with the object in its place.
 
+use std::sync::Arc;
+
 use assets::import::LoadedScene;
 use assets::procedural;
 use glam::{Affine3A, Quat, Vec3};
@@ -198,6 +200,26 @@ fn light_depends_on_where_an_object_is_and_not_on_its_way() {
     assert!(pixels(&mut fresh, &loaded) == bare);
     assert!(!fresh.light_mut().objects().set_transform(id, place(1)).unwrap());
     assert!(fresh.light_mut().objects().transform(id).is_none());
+}
+
+#[test]
+fn another_bake_has_the_objects_where_they_are() {
+    let (mut renderer, loaded, id) = small(cpu(), |_| ());
+    pixels(&mut renderer, &loaded);
+    renderer.light_mut().objects().set_transform(id, place(1)).unwrap();
+    pixels(&mut renderer, &loaded);
+    // Of the same room without its tall block: other triangles under other numbers.
+    let mut edit = loaded.scene.edit();
+    edit.remove(6);
+    let scene = edit.build().unwrap();
+    let edited = Arc::new(renderer.light().bake().edit(&scene, &Silent).unwrap().bake);
+    renderer.light_mut().set_bake(Arc::clone(&edited), &Silent).unwrap();
+    renderer.light_mut().objects().set_transform(id, place(2)).unwrap();
+    let found = pixels(&mut renderer, &loaded);
+    let (mut fresh, _, other) = small(cpu(), |_| ());
+    fresh.light_mut().set_bake(edited, &Silent).unwrap();
+    fresh.light_mut().objects().set_transform(other, place(2)).unwrap();
+    assert!(pixels(&mut fresh, &loaded) == found);
 }
 
 #[test]

@@ -30,7 +30,7 @@ use crate::low_level::stage::objects::{ChangingRows, ObjectLight, Of};
 use crate::low_level::stage::{direct, gather, source};
 use crate::method::firstshot::ignore_progress;
 use crate::method::{Method, MethodReport, MethodSettings, Preparation};
-use crate::objects::ObjectTables;
+use crate::objects::{ObjectTables, check_bake};
 use crate::observe::warn_of_specular_materials;
 use crate::points::PointTables;
 use crate::settings::setters;
@@ -303,6 +303,9 @@ impl LightField {
         if self.has_own_method {
             return Err(Reason::OwnMethod.into());
         }
+        if !self.objects.is_empty() {
+            check_bake(&bake)?;
+        }
         let mut scene = self.objects.scene(&bake)?;
         scene.set_lighting(self.scene.lighting.clone())?;
         self.settings.eye = self.eye;
@@ -316,6 +319,8 @@ impl LightField {
             changed.give_to(&mut scene);
             albedo = Some(changed);
         }
+        // What moved before stood in the other geometry.
+        self.objects.forget();
         self.bake = bake;
         self.scene = scene;
         self.method = method;
