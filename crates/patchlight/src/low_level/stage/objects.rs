@@ -9,6 +9,7 @@ use glam::{UVec2, Vec4};
 use gpu_kernels::params::CountParams;
 use gpu_kernels::pass::KernelPass;
 use gpu_kernels::transport::{BouncePass, GatherCsrPass};
+use rayon::prelude::*;
 use runtime::executor::{Executor, ExecutorError};
 use runtime::plan::{PassId, Plan, Slice};
 use runtime::recipe::Tables;
@@ -307,9 +308,12 @@ impl ChangingRows {
         let mut items: Vec<u32> = changes.iter().map(|change| change.item).chain(self.changed.drain(..)).collect();
         items.sort_unstable();
         items.dedup();
+        let made: Vec<Vec<(Vec<UVec2>, Vec<u8>)>> =
+            items.par_iter().map(|&item| self.rows(item, changes, of)).collect();
         // Neighbours together.
+        let mut made = made.into_iter();
         for run in items.chunk_by(|a, b| a + 1 == *b) {
-            let rows: Vec<(Vec<UVec2>, Vec<u8>)> = run.iter().flat_map(|&item| self.rows(item, changes, of)).collect();
+            let rows: Vec<(Vec<UVec2>, Vec<u8>)> = made.by_ref().take(run.len()).flatten().collect();
             self.tables.set_rows(executor, self.parts * run[0] as usize, &rows, &mut self.counts)?;
         }
         self.changed = changes.iter().map(|change| change.item).collect();
