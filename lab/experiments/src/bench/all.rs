@@ -54,6 +54,7 @@ pub fn smallest(name: Experiment, args: &Bench, folder: &Path) -> Bench {
     let scene = match name {
         Experiment::Firstshot | Experiment::Frame | Experiment::Local => SMALL_HALL,
         Experiment::Clean | Experiment::Leaks => "rooms:wall=0.1",
+        Experiment::Moving => "cornell:block",
         _ => SMALL_SCENE,
     };
     let counts = match name {
