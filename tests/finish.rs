@@ -4,12 +4,11 @@ use assets::import::LoadedScene;
 use assets::procedural;
 use integration_tests::limited::Limited;
 use integration_tests::setup::Setup;
-use integration_tests::vulkan;
+use integration_tests::{block_difference, vulkan};
 use patchlight::{PictureRenderer, Pictures, PixelLight, ReceiverKind, ReceiverUpdate};
 use reference::{Accumulation, PathSettings, PathTracer, Strategy};
 use runtime::executor::{DeviceChoice, Executor, open};
-use scene::math::luminance;
-use scene::{Materials, Picture};
+use scene::Materials;
 
 const SIZE: (u32, u32) = (96, 54);
 /// Edge of the blocks that are compared, pixels.
@@ -49,14 +48,6 @@ fn traced(loaded: &LoadedScene, materials: Materials) -> Accumulation {
     sums
 }
 
-/// Mean difference of the luminance of blocks, over the mean of what is expected.
-fn difference(found: &Picture, expected: &Picture) -> f32 {
-    let (found, expected) = (found.block_means(BLOCK), expected.block_means(BLOCK));
-    let pairs = found.pixels.iter().zip(&expected.pixels);
-    let apart: f32 = pairs.map(|(a, b)| (luminance(*a) - luminance(*b)).abs()).sum();
-    apart / expected.pixels.iter().map(|c| luminance(*c)).sum::<f32>()
-}
-
 #[test]
 fn lobes_and_normals_agree_with_paths_that_have_them() {
     let loaded = procedural::build("gloss").unwrap();
@@ -69,11 +60,11 @@ fn lobes_and_normals_agree_with_paths_that_have_them() {
         ("indirect", &found.indirect, &without.indirect, expected.indirect(), diffuse.indirect()),
     ] {
         // What the finish changes is far more than what is wrong, and more than what was wrong without.
-        let (wrong, change) = (difference(found, &expected), difference(&diffuse, &expected));
-        let wrong_without = difference(without, &diffuse);
+        let (wrong, change) = (block_difference(BLOCK, found, &expected), block_difference(BLOCK, &diffuse, &expected));
+        let wrong_without = block_difference(BLOCK, without, &diffuse);
         assert!(wrong < 0.1 * change + wrong_without, "{name}: {wrong} of {change}, without {wrong_without}");
         // Diffuse pictures are no match.
-        let no_match = difference(without, &expected);
+        let no_match = block_difference(BLOCK, without, &expected);
         assert!(no_match > 0.7 * change && no_match > 2.0 * wrong, "{name}: {no_match} {change} {wrong}");
     }
 }
@@ -85,7 +76,7 @@ fn devices_show_the_same_finish() {
     let setup = Setup { materials: Materials::Gltf, sub_frames: 2, size: SIZE, ..Setup::coarse() };
     let ours = pictures(&setup, &loaded, cpu());
     let theirs = pictures(&setup, &loaded, Box::new(vulkan));
-    assert!(difference(&theirs.full, &ours.full) < 1e-4);
+    assert!(block_difference(BLOCK, &theirs.full, &ours.full) < 1e-4);
     let apart =
         ours.full.pixels.iter().zip(&theirs.full.pixels).filter(|(a, b)| (**a - **b).length() > 1e-3 * a.length());
     assert!(apart.count() < 10);

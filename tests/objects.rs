@@ -6,7 +6,7 @@ use assets::import::LoadedScene;
 use assets::procedural;
 use glam::{Affine3A, Quat, Vec3};
 use integration_tests::setup::Setup;
-use integration_tests::vulkan;
+use integration_tests::{block_difference, vulkan};
 use patches::PatchKind;
 use patchlight::low_level::operator::Codec;
 use patchlight::method::FirstShotSettings;
@@ -99,14 +99,6 @@ fn picture_of(renderer: &mut PictureRenderer, loaded: &LoadedScene) -> Pictures 
     renderer.picture(&loaded.scene.lighting, &camera, 0).unwrap().pictures
 }
 
-/// Mean difference of the luminance of blocks, over the mean of what is expected.
-fn difference(found: &Picture, expected: &Picture) -> f32 {
-    let (found, expected) = (found.block_means(BLOCK), expected.block_means(BLOCK));
-    let pairs = found.pixels.iter().zip(&expected.pixels);
-    let apart: f32 = pairs.map(|(a, b)| (luminance(*a) - luminance(*b)).abs()).sum();
-    apart / expected.pixels.iter().map(|c| luminance(*c)).sum::<f32>()
-}
-
 #[test]
 fn an_object_takes_and_gives_light_as_paths_say() {
     for (name, half, at, radiance) in [
@@ -132,9 +124,9 @@ fn an_object_takes_and_gives_light_as_paths_say() {
             ("direct", &found.direct, &bare.direct, expected.direct(), without.direct()),
             ("indirect", &found.indirect, &bare.indirect, expected.indirect(), without.indirect()),
         ] {
-            let wrong = difference(found, &expected);
-            let wrong_without = difference(bare, &without);
-            let change = difference(&without, &expected);
+            let wrong = block_difference(BLOCK, found, &expected);
+            let wrong_without = block_difference(BLOCK, bare, &without);
+            let change = block_difference(BLOCK, &without, &expected);
             let energy = |found: &Picture, expected: &Picture| luminance(found.mean()) / luminance(expected.mean());
             let (own, own_without) = (energy(found, &expected), energy(bare, &without));
             println!(
@@ -142,7 +134,10 @@ fn an_object_takes_and_gives_light_as_paths_say() {
             );
             // Hardly more is wrong than without the object, which changes far more.
             assert!(wrong < wrong_without + 0.15 * change, "{name} {part}");
-            assert!(difference(bare, &expected) > 1.5 * wrong, "{name} {part}: the picture without it is as good");
+            assert!(
+                block_difference(BLOCK, bare, &expected) > 1.5 * wrong,
+                "{name} {part}: the picture without it is as good"
+            );
         }
     }
 }

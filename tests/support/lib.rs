@@ -13,6 +13,8 @@ use std::sync::LazyLock;
 use gpu_kernels::table::Kernel;
 use runtime::executor::DeviceChoice;
 use runtime::vulkan::{Validation, Vulkan};
+use scene::Picture;
+use scene::math::luminance;
 
 /// Every kernel: those of the library, then those of the laboratory.
 pub static KERNELS: LazyLock<Vec<&'static Kernel>> = LazyLock::new(|| {
@@ -36,4 +38,12 @@ pub fn vulkan() -> Option<Vulkan> {
             None
         }
     }
+}
+
+/// Mean difference of the luminance of blocks of so many pixels, over the mean of what is expected.
+pub fn block_difference(edge: u32, found: &Picture, expected: &Picture) -> f32 {
+    let (found, expected) = (found.block_means(edge), expected.block_means(edge));
+    let pairs = found.pixels.iter().zip(&expected.pixels);
+    let apart: f32 = pairs.map(|(a, b)| (luminance(*a) - luminance(*b)).abs()).sum();
+    apart / expected.pixels.iter().map(|c| luminance(*c)).sum::<f32>()
 }

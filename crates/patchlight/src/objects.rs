@@ -16,7 +16,7 @@ use patches::InterpolationMesh;
 use rayon::prelude::*;
 use runtime::plan::RANGE_ALIGNMENT;
 use scene::{Geometry, Mesh, MovingMesh, Scene, SurfacePoint};
-use transport::Csr;
+use transport::{Csr, add_up};
 
 use self::rows::{Ball, Movers, RowChange};
 use self::shape::Shape;
@@ -212,7 +212,7 @@ impl ObjectTables {
             let own = own[0] as usize..own[1] as usize;
             let columns = rows.column_index[own.clone()].iter().map(|&column| owner(column));
             let mut entries: Vec<(u32, f32)> = columns.zip(rows.values[own].iter().copied()).collect();
-            rows::add_up(&mut entries);
+            add_up(&mut entries);
             entries
         };
         let own: Vec<Vec<(u32, f32)>> = rows.row_start.par_windows(2).map(row).collect();
@@ -246,7 +246,7 @@ impl ObjectTables {
         let mut own: Vec<Vec<(u32, f32)>> = vec![Vec::new(); count];
         // In the order of the elements.
         changes.into_iter().for_each(|(patch, entries)| own[patch as usize].extend(entries));
-        own.par_iter_mut().for_each(rows::add_up);
+        own.par_iter_mut().for_each(add_up);
         Ok(Csr::from_rows(columns, &own)?)
     }
 }

@@ -9,7 +9,7 @@ use glam::Vec3;
 use patches::Columns;
 use rayon::prelude::*;
 use scene::{Geometry, Hit, NONE, SKY_BINS, SurfacePoint, sky_bin, sky_direction};
-use transport::{Csr, HitCounts, Owner, Patch, QUADRANTS, Surfaces};
+use transport::{Csr, HitCounts, LinearOperator as _, Owner, Patch, QUADRANTS, Surfaces};
 
 use crate::bake::Bake;
 use crate::error::Error;
@@ -209,31 +209,10 @@ impl Movers<'_> {
     }
 }
 
-/// Adds up entries of the same column, in their order.
-pub fn add_up(entries: &mut Vec<(u32, f32)>) {
-    entries.sort_by_key(|entry| entry.0);
-    entries.dedup_by(|next, kept| {
-        let same = next.0 == kept.0;
-        if same {
-            kept.1 += next.1;
-        }
-        same
-    });
-}
-
 /// Rows of whole hemispheres from those of quadrants.
 fn whole_rows(quadrants: &HitCounts) -> Result<Csr, Error> {
-    let (count, columns) = transport::LinearOperator::shape(quadrants);
-    let row = |k: usize| {
-        let own = QUADRANTS * k..QUADRANTS * (k + 1);
-        let entries = own.flat_map(|row| {
-            let scale = quadrants.scales()[row];
-            quadrants.row(row).into_iter().map(move |(column, count)| (column, scale * count as f32))
-        });
-        let mut entries: Vec<(u32, f32)> = entries.collect();
-        add_up(&mut entries);
-        entries
-    };
-    let rows: Vec<Vec<(u32, f32)>> = (0..count / QUADRANTS).into_par_iter().map(row).collect();
-    Ok(Csr::from_rows(columns, &rows)?)
+    let (count, columns) = quadrants.shape();
+    let groups: Vec<u32> = (0..=count as u32).step_by(QUADRANTS).collect();
+    let own: Vec<u32> = (0..columns as u32).collect();
+    Ok(quadrants.means(&groups, &vec![1.0; count], &own, columns)?)
 }

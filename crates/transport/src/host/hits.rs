@@ -283,15 +283,7 @@ impl HitCounts {
                     self.row(k).into_iter().map(|(column, count)| (owner[column as usize], share * count as f32)),
                 );
             }
-            // Stable: the entries of a column are added in the order of the rows.
-            sums.sort_by_key(|entry| entry.0);
-            sums.dedup_by(|next, kept| {
-                let same = next.0 == kept.0;
-                if same {
-                    kept.1 += next.1;
-                }
-                same
-            });
+            add_up(&mut sums);
             // All rows are in memory together, with what they have room for.
             sums.shrink_to_fit();
             sums
@@ -320,6 +312,19 @@ impl HitCounts {
         }
         Ok(csr)
     }
+}
+
+/// Adds up the entries of each column of a row, in their order.
+pub fn add_up(entries: &mut Vec<(u32, f32)>) {
+    // Stable.
+    entries.sort_by_key(|entry| entry.0);
+    entries.dedup_by(|next, kept| {
+        let same = next.0 == kept.0;
+        if same {
+            kept.1 += next.1;
+        }
+        same
+    });
 }
 
 /// A row that follows from those of another operator.
