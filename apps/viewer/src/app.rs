@@ -381,7 +381,7 @@ impl<'a> App<'a> {
         let object = triangle.object;
         if object == NONE {
             self.state.picked = None;
-            "it moves by itself: see Movement".clone_into(&mut self.state.facts.message);
+            "it moves by itself: drag its handle, or see Movement".clone_into(&mut self.state.facts.message);
             return;
         }
         let own = scene.geometry.triangles.iter().filter(|t| t.object == object);

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use glam::Vec3;
+use glam::{Affine3A, Vec3};
 use patchlight::debug::DebugKind;
 use patchlight::low_level::operator::{Build, Decode};
 use patchlight::outputs::LiveProbes;
@@ -41,7 +41,7 @@ struct Wanted {
     albedo: Vec<Option<Vec3>>,
     object: Option<Object>,
     /// Time of what moves, s.
-    time: f32,
+    places: Vec<Affine3A>,
     eye: Eye,
     size: (u32, u32),
     display: DisplayTransform,
@@ -56,9 +56,9 @@ pub struct Live {
     renderer: PictureRenderer,
     method: (String, MethodSettings),
     albedo: Vec<Option<Vec3>>,
-    /// Objects of the scene that move, and their time.
+    /// Objects of the scene that move, and their places.
     moving: Option<Moving>,
-    time: f32,
+    places: Vec<Affine3A>,
     /// Probes of the object, once it was there.
     probes: Option<LiveProbes>,
     sub_frames: u32,
@@ -149,7 +149,7 @@ impl Live {
             method,
             albedo,
             moving,
-            time: 0.0,
+            places: Vec::new(),
             probes: None,
             sub_frames: state.sub_frames,
             last: None,
@@ -226,7 +226,7 @@ impl Live {
             edits: state.lighting.edits(),
             albedo: self.albedo.clone(),
             object: Some(state.object).filter(|object| object.is_on),
-            time: state.time,
+            places: self.places.clone(),
             eye: state.eye,
             size,
             display: state.display,
@@ -320,11 +320,11 @@ impl Live {
 
     /// Moves what moves to where it is at its time.
     fn move_objects(&mut self, state: &State) -> Result<(), Error> {
-        if let Some(moving) = self.moving.as_ref().filter(|_| state.time != self.time) {
-            let places: Vec<_> = state.moving.iter().map(|object| object.transform(state.time)).collect();
+        let places = state.places();
+        if let Some(moving) = self.moving.as_ref().filter(|_| places != self.places) {
             moving.place(self.renderer.light_mut(), &places)?;
         }
-        self.time = state.time;
+        self.places = places;
         Ok(())
     }
 

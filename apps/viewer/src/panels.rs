@@ -8,7 +8,7 @@ use patchlight::{MAX_ALBEDO, MethodSettings};
 use scene::Tone;
 
 use crate::lights::NewLight;
-use crate::state::{Comparison, DIVISORS, Request, SUB_FRAMES, Shown, State};
+use crate::state::{Comparison, DIVISORS, Put, Request, SUB_FRAMES, Shown, State};
 
 /// Width of the panel, points.
 const WIDTH: f32 = 290.0;
@@ -16,7 +16,7 @@ const WIDTH: f32 = 290.0;
 const GRAPH_HEIGHT: f32 = 190.0;
 
 /// Actions of keys and pointer, for the help.
-pub const KEYS: [(&str, &str); 14] = [
+pub const KEYS: [(&str, &str); 15] = [
     ("W A S D", "fly ahead, left, back, right"),
     ("Q E", "down, up"),
     ("Shift", "four times as fast"),
@@ -28,6 +28,7 @@ pub const KEYS: [(&str, &str); 14] = [
     ("V", "next view: light, patches, elements, …"),
     ("M", "next method"),
     ("Tab", "hide or show the panels"),
+    ("Shift-drag", "move all that moves, by the handle of one"),
     ("Ctrl-click", "pick an object of the scene; drag its handle, and its light follows"),
     ("F1, F12", "this help; screenshot"),
     ("Esc", "close"),
@@ -216,6 +217,12 @@ fn lights(ui: &mut Ui, state: &mut State) {
 fn movement(ui: &mut Ui, state: &mut State) {
     ui.add(Slider::new(&mut state.time, 0.0..=state.duration).text("time, s"));
     ui.checkbox(&mut state.is_playing, "goes on");
+    if let Some((object, put)) = state.moving.get(state.held).zip(state.put.get_mut(state.held)) {
+        ui.add(Slider::new(&mut put.turn, -180.0..=180.0).text(format!("{}: turn, °", object.name)));
+    }
+    if ui.button("Back to the poses").clicked() {
+        state.put.fill(Put::default());
+    }
 }
 
 /// Position and direction of the light that is selected.

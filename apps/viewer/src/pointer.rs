@@ -177,6 +177,20 @@ fn handles(ui: &mut Ui, state: &mut State, picture: Rect) {
         draw_handle(ui, light.color, light.is_on, handle.centre, selected == Some(index));
     }
     state.selected = selected;
+    let places = state.places();
+    let moves_all = ui.input(|input| input.modifiers.shift);
+    for (index, place) in places.into_iter().enumerate() {
+        let corners = &state.moving[index].corners;
+        let middle = corners.iter().sum::<Vec3>() / corners.len().max(1) as f32;
+        let id = Id::new(("moving", index));
+        let Some(handle) = handle(ui, id, &camera, picture, place.transform_point3(middle)) else { continue };
+        if handle.response.dragged() || handle.response.clicked() {
+            state.held = index;
+        }
+        let own = if moves_all { &mut state.put[..] } else { &mut state.put[index..=index] };
+        own.iter_mut().for_each(|put| put.way += handle.moved);
+        draw_handle(ui, Vec3::ONE, true, handle.centre, handle.response.dragged());
+    }
     let object = &mut state.object;
     if object.is_on
         && let Some(handle) = handle(ui, Id::new("object"), &camera, picture, object.position)

@@ -47,6 +47,7 @@ object ahead|X Y Z|off       a ball before the camera or there, m, lit by probes
 object radius M | albedo R G B
 time S | play on|off          time of the objects of the scene that move, s; it goes on or stands
 move OBJECT X Y Z            an object of the scene, by its name or its number from 1, by so much, m
+turn OBJECT DEGREES          something that moves, about the upright axis through its origin
 exposure STOPS|auto
 tone agx|neutral|none
 camera N                     the camera number N of the list, from 1
@@ -119,6 +120,7 @@ enum Command {
     Albedo { material: String, albedo: Option<Vec3> },
     Object(ObjectChange),
     Move { object: String, way: Vec3 },
+    Turn { object: String, degrees: f32 },
     Time(f32),
     Play(bool),
     Exposure(Option<f32>),
@@ -354,8 +356,18 @@ fn apply(command: &Command, state: &mut State) -> Result<(), String> {
         }
         Command::Play(is_on) => state.is_playing = *is_on,
         Command::Move { object, way } => {
+            if let Some(own) = state.moving_object(object) {
+                state.put[own].way += *way;
+                return Ok(());
+            }
             let object = state.scene_object(object)?;
             state.requests.push(Request::Move { object, way: *way });
+        }
+        Command::Turn { object, degrees } => {
+            let names = || state.moving.iter().map(|own| own.name.as_str()).collect::<Vec<_>>().join(", ");
+            let own = state.moving_object(object);
+            let own = own.ok_or_else(|| format!("nothing that moves is called `{object}`; there are: {}", names()))?;
+            state.put[own].turn = *degrees;
         }
         Command::Exposure(stops) => expose(state, *stops),
         Command::Tone(tone) => state.display.tone = *tone,
@@ -463,6 +475,7 @@ impl Words<'_> {
             "emission" | "albedo" => self.material(),
             "object" => self.object(),
             "move" => self.movement(),
+            "turn" => self.turn(),
             "time" => Ok(Command::Time(self.only("S")?)),
             "play" => self.count(2..=2, "on|off").and_then(|()| Ok(Command::Play(self.switch(1)?))),
             "camera" | "eye" | "method" | "view" => self.look(),
@@ -630,6 +643,15 @@ impl Words<'_> {
         Ok(Command::Move { object: words[1..first].join(" "), way: self.vector(first)? })
     }
 
+    fn turn(&self) -> Result<Command, String> {
+        let words = self.0;
+        if words.len() < 3 {
+            return Err(self.usage("OBJECT DEGREES"));
+        }
+        let last = words.len() - 1;
+        Ok(Command::Turn { object: words[1..last].join(" "), degrees: self.number(last)? })
+    }
+
     fn light(&self) -> Result<Command, String> {
         let words = self.0;
         let usage = "add point|sun|spot, K on|off|remove, or K position|direction|color|power NUMBERS";
@@ -772,6 +794,7 @@ mod tests {
             object albedo 0.8 0.8 0.8
             object off
             move tall block 0 0 0.5
+            turn door -30
             time 1.5
             play on
             exposure -1
@@ -818,6 +841,7 @@ mod tests {
             ("object 1 2", "X Y Z"),
             ("object radius 0", "above 0"),
             ("move 1 2 3", "OBJECT X Y Z"),
+            ("turn door", "OBJECT DEGREES"),
             ("sub-frames 3", "[1, 2, 4, 16]"),
             ("size 0x9", "size 640x360"),
             ("screenshot a.jpg", ".png"),

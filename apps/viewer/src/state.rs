@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use assets::LoadedScene;
 use assets::import::{MovingObject, Target};
-use glam::Vec3;
+use glam::{Affine3A, Vec3};
 use patchlight::debug::DebugKind;
 use patchlight::{Bake, BakeProgress, MethodSettings, ReceiverKind};
 use reference::PictureErrors;
@@ -62,6 +62,16 @@ pub struct Split {
     pub is_on: bool,
     /// Share of the width that the method has.
     pub at: f32,
+}
+
+/// Where something that moves was put: beside its pose, m, and turned about the upright axis through its origin,
+/// degrees.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Put {
+    /// Displacement.
+    pub way: Vec3,
+    /// Turn.
+    pub turn: f32,
 }
 
 /// An object of the scene that is to be moved.
@@ -182,6 +192,10 @@ pub struct State {
     pub object: Object,
     /// Objects of the scene that move.
     pub moving: Vec<MovingObject>,
+    /// Where they were put beside their poses.
+    pub put: Vec<Put>,
+    /// The one whose handle was dragged last.
+    pub held: usize,
     /// Their time, s.
     pub time: f32,
     /// Time of their last pose, s.
@@ -236,6 +250,8 @@ impl State {
             own_albedo: bake.scene().materials.iter().map(own_albedo).collect(),
             object: Object::new(OBJECT_RADIUS * metres),
             moving: loaded.moving.clone(),
+            put: vec![Put::default(); loaded.moving.len()],
+            held: 0,
             time: 0.0,
             duration: loaded.moving_duration(),
             is_playing: false,
@@ -264,6 +280,17 @@ impl State {
         }
     }
 
+    /// Places of what moves.
+    pub fn places(&self) -> Vec<Affine3A> {
+        let place = |(object, put): (&MovingObject, &Put)| {
+            let own = object.transform(self.time);
+            let origin = Vec3::from(own.translation);
+            let turn = Affine3A::from_axis_angle(self.compass.up, put.turn.to_radians());
+            Affine3A::from_translation(origin + put.way) * turn * Affine3A::from_translation(-origin) * own
+        };
+        self.moving.iter().zip(&self.put).map(place).collect()
+    }
+
     /// A place before the eye, m.
     pub fn place_ahead(&self) -> Vec3 {
         self.eye.position + self.eye.forward() * (0.3 * self.distance)
@@ -281,6 +308,11 @@ impl State {
     pub fn material(&self, name: &str) -> Result<usize, String> {
         let found = self.materials.iter().position(|own| own == name);
         found.ok_or_else(|| format!("there is no material `{name}`; there are: {}", self.materials.join(", ")))
+    }
+
+    /// The number of what moves by its name, if something has it.
+    pub fn moving_object(&self, name: &str) -> Option<usize> {
+        self.moving.iter().position(|object| object.name == name)
     }
 
     /// The number of an object of the scene: the first with this name, or one by its number, from 1.

@@ -26,10 +26,11 @@ use crate::job::BakeJob;
 use crate::low_level::frame::{FrameInput, FramePlan, FrameTables, LAST_BOUNCES};
 use crate::low_level::operator::{Build, Decode};
 use crate::low_level::stage::gather::ReceiverTables;
-use crate::low_level::stage::objects::{ChangingRows, ObjectLight, Of};
+use crate::low_level::stage::objects::{ChangingRows, ObjectLight};
 use crate::low_level::stage::{direct, gather, source};
 use crate::method::firstshot::ignore_progress;
 use crate::method::{Method, MethodReport, MethodSettings, Preparation};
+use crate::objects::rows::{RowChange, item_changes};
 use crate::objects::{ObjectTables, check_bake};
 use crate::observe::warn_of_specular_materials;
 use crate::points::PointTables;
@@ -859,10 +860,10 @@ impl LightField {
         }
         light.set(executor, &placed)?;
         if let Some(rows) = &mut self.loaded.element_rows {
-            rows.set(executor, &self.objects.element_changes, Of::Elements)?;
+            rows.set(executor, &item_changes(&self.objects.element_changes, RowChange::of_elements))?;
         }
         if let Some(rows) = self.loaded.receiver_tables.as_mut().and_then(|tables| tables.changing.as_mut()) {
-            rows.set(executor, &self.objects.receiver_changes, Of::Elements)?;
+            rows.set(executor, &item_changes(&self.objects.receiver_changes, RowChange::of_elements))?;
         }
         self.stamps.objects += 1;
         Ok(true)

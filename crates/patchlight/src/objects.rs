@@ -11,12 +11,13 @@ pub(crate) mod shape;
 
 use std::sync::Arc;
 
-use glam::{Affine3A, Vec4};
+use glam::{Affine3A, Vec3, Vec4};
 use patches::InterpolationMesh;
 use rayon::prelude::*;
 use runtime::plan::RANGE_ALIGNMENT;
 use scene::{Geometry, Mesh, MovingMesh, Scene, SurfacePoint};
-use transport::{Csr, add_up};
+use transport::kernel::hits::COUNT_STEP;
+use transport::{Csr, Patch, add_up, quad_columns};
 
 use self::rows::{Ball, Movers, RowChange};
 use self::shape::Shape;
@@ -56,6 +57,8 @@ pub(crate) struct ObjectTables {
     is_moved: bool,
     /// The geometry of the frame before the last: its tables are written again.
     spare: Option<Arc<Geometry>>,
+    /// Places above the middles of the elements of the bake; none until they are asked for.
+    middles: Arc<[Vec3]>,
     /// Entries of changed form factors that there is room for.
     pub factor_room: usize,
     /// Rows that change.
@@ -170,6 +173,7 @@ impl ObjectTables {
     /// The geometry is another one.
     pub fn forget(&mut self) {
         self.spare = None;
+        self.middles = Arc::default();
     }
 
     /// Finds the rows of where the objects are in a scene.
@@ -183,13 +187,22 @@ impl ObjectTables {
             balls.push(Ball::of(geometry, own));
         }
         let mesh = &bake.mesh;
-        let movers = Movers { geometry, balls: &balls, first_column: Self::first_column(bake) as u32 };
+        if self.middles.len() != mesh.elements.len() {
+            let above = |element: &Patch| element.centroid + element.normal * geometry.ray_offset;
+            self.middles = mesh.elements.iter().map(above).collect();
+        }
+        let movers = Movers {
+            geometry,
+            balls: &balls,
+            elements: &mesh.elements,
+            middles: &self.middles,
+            first_column: Self::first_column(bake) as u32,
+        };
         if let Some(rows) = &bake.form_factors.element_rows {
-            self.element_changes = movers.element_changes(&mesh.elements, rows);
+            self.element_changes = movers.element_changes(rows);
         }
         let receivers = &bake.receivers;
-        self.receiver_changes =
-            movers.receiver_changes(&mesh.elements, &receivers.points, &receivers.rows, &receivers.sky_rows);
+        self.receiver_changes = movers.receiver_changes(&receivers.points, &receivers.rows, &receivers.sky_rows);
         let points: Vec<SurfacePoint> =
             self.objects.iter().flat_map(|object| object.shape.placed(&object.transform)).collect();
         let rows = movers.traced(bake, &points, self.rays, bake.settings.seed ^ SALT)?;
@@ -232,13 +245,15 @@ impl ObjectTables {
         let first_column = Self::first_column(bake) as u32;
         let change_of = |change: &RowChange| {
             let element = change.item as usize;
-            let share = shares[element] * rows.scales()[element];
-            let counts = rows.row(element).into_iter();
+            let share = shares[element] * rows.scales()[element] * COUNT_STEP;
             let mut entries = Vec::new();
-            for (column, hits) in counts.filter(|(column, _)| change.column(*column) != *column) {
-                let factor = share * hits as f32;
-                entries.push((mesh.patch_of(column), -factor));
-                entries.push((change.column(column) - first_column + first as u32, factor));
+            for &(number, quad) in &change.quads {
+                let before = quad_columns(rows.quads()[number as usize]);
+                let factor = share * f32::from(rows.counts()[number as usize]);
+                for (column, now) in before.into_iter().zip(quad_columns(quad)).filter(|(column, now)| column != now) {
+                    entries.push((mesh.patch_of(column), -factor));
+                    entries.push((now - first_column + first as u32, factor));
+                }
             }
             (mesh.patch_of(change.item), entries)
         };

@@ -15,10 +15,11 @@ use crate::light::{LightField, LightSettings, LightUpdate, Stamps, by_name, gath
 use crate::low_level::frame::FramePlan;
 use crate::low_level::stage::finish::FinishTables;
 use crate::low_level::stage::gather::ReceiverTables;
-use crate::low_level::stage::objects::{ObjectLight, Of};
+use crate::low_level::stage::objects::ObjectLight;
 use crate::low_level::stage::shade::PixelLight;
 use crate::low_level::stage::{display, shade, sky, view};
 use crate::method::MethodSettings;
+use crate::objects::rows::{RowChange, item_changes};
 use crate::picture::{Picture, Pictures};
 use crate::pixels::PixelGather;
 use crate::settings::setters;
@@ -505,7 +506,7 @@ impl PicturePlan {
     fn set_objects(&mut self, light: &mut LightField) -> Result<(), Error> {
         if let Some(rows) = self.sky.as_mut().and_then(|sky| sky.changing.as_mut()) {
             let (tables, executor) = light.objects_and_executor();
-            rows.set(executor, &tables.receiver_changes, Of::Sky)?;
+            rows.set(executor, &item_changes(&tables.receiver_changes, RowChange::of_sky))?;
             self.has_sky_light = false;
         }
         // Primary rays meet them elsewhere.

@@ -7,7 +7,7 @@ mod product;
 mod storage;
 mod surfaces;
 
-pub use hits::{EditedRow, HitCounts, add_up};
+pub use hits::{EditedRow, HitCounts, add_up, quad_columns, quad_of};
 pub use order::spatial_order;
 pub use polygon::Polygon;
 pub use product::widen_half;

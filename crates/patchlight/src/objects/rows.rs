@@ -4,15 +4,19 @@
 //! the element is replaced by that of the object's. The rays that go to the sky are no entries of such rows; those that
 //! meet an object now become entries of it.
 
+use std::ops::Range;
+
 use formfactor::add_quadrant_rows;
-use glam::Vec3;
+use glam::{UVec2, Vec3};
 use patches::Columns;
 use rayon::prelude::*;
 use scene::{Geometry, Hit, NONE, SKY_BINS, SurfacePoint, sky_bin, sky_direction};
-use transport::{Csr, HitCounts, LinearOperator as _, Owner, Patch, QUADRANTS, Surfaces};
+use transport::kernel::hits::COUNT_STEP;
+use transport::{Csr, HitCounts, LinearOperator as _, Owner, Patch, QUADRANTS, Surfaces, quad_columns, quad_of};
 
 use crate::bake::Bake;
 use crate::error::Error;
+use crate::low_level::stage::objects::ItemChange;
 use crate::method::firstshot::ignore_progress;
 
 /// An object is not looked for where it covers less than this share of the hemisphere.
@@ -27,7 +31,7 @@ pub struct Ball {
 
 impl Ball {
     /// About triangles of a geometry.
-    pub fn of(geometry: &Geometry, triangles: std::ops::Range<usize>) -> Self {
+    pub fn of(geometry: &Geometry, triangles: Range<usize>) -> Self {
         let own = &geometry.triangles[triangles];
         let corners = || own.iter().flat_map(|t| [t.corner, t.corner + t.edge_a, t.corner + t.edge_b]);
         let low = corners().fold(Vec3::INFINITY, Vec3::min);
@@ -47,7 +51,7 @@ impl Ball {
     /// Returns true if the way from a point by `way` comes near, up to `longest` times its length.
     fn is_met(&self, position: Vec3, way: Vec3, longest: f32) -> bool {
         let to = self.middle - position;
-        let t = (to.dot(way) / way.length_squared()).clamp(0.0, longest);
+        let t = (to.dot(way) / way.length_squared().max(f32::MIN_POSITIVE)).clamp(0.0, longest);
         (to - way * t).length_squared() <= self.radius * self.radius
     }
 }
@@ -57,6 +61,10 @@ pub struct Movers<'a> {
     /// The geometry with what moves.
     pub geometry: &'a Geometry,
     pub balls: &'a [Ball],
+    /// What rests.
+    pub elements: &'a [Patch],
+    /// Places above their middles.
+    pub middles: &'a [Vec3],
     /// Column of the first element of what moves.
     pub first_column: u32,
 }
@@ -66,21 +74,59 @@ pub struct Movers<'a> {
 pub struct RowChange {
     /// The element, or the receiver.
     pub item: u32,
-    /// Columns that are replaced, ascending, and by which.
-    pub columns: Vec<(u32, u32)>,
-    /// Bins of the sky that are covered, ascending.
-    pub bins: Vec<u32>,
+    /// Quads of rows over elements some of whose columns are those of objects, by their number.
+    pub quads: Vec<(u32, UVec2)>,
+    /// Quads of rows over bins of the sky some of which are covered: the dark one stands in their place.
+    pub sky: Vec<(u32, UVec2)>,
     /// Of each quadrant, a column that it meets instead of the sky, and how often.
     pub more: [Option<(u32, u32)>; QUADRANTS],
 }
 
 impl RowChange {
-    /// The column in place of one.
-    pub fn column(&self, column: u32) -> u32 {
-        match self.columns.binary_search_by_key(&column, |own| own.0) {
-            Ok(k) => self.columns[k].1,
-            Err(_) => column,
+    /// What changes of rows over elements.
+    pub fn of_elements(&self) -> ItemChange<'_> {
+        ItemChange { item: self.item, quads: &self.quads, more: &self.more }
+    }
+
+    /// What changes of rows over bins of the sky.
+    pub fn of_sky(&self) -> ItemChange<'_> {
+        ItemChange { item: self.item, quads: &self.sky, more: &[] }
+    }
+}
+
+/// What rows change by.
+pub fn item_changes(changes: &[RowChange], of: impl Fn(&RowChange) -> ItemChange<'_>) -> Vec<ItemChange<'_>> {
+    changes.iter().map(of).collect()
+}
+
+/// Directions and distances from a point in which a ball is met.
+#[derive(Clone, Copy, Debug)]
+struct Cone {
+    way: Vec3,
+    /// Squares of the way's length and of the length to the edge; of the shortest length that meets the ball.
+    edge: f32,
+    shortest: f32,
+}
+
+impl Cone {
+    fn new(ball: &Ball, from: Vec3) -> Self {
+        let way = ball.middle - from;
+        let beyond = (way.length() - ball.radius).max(0.0);
+        // Met all about from inside.
+        let edge = way.length_squared() - ball.radius * ball.radius;
+        Self { way, edge, shortest: beyond * beyond }
+    }
+
+    /// Returns true for those of four ways, by their coordinates, that may meet the ball.
+    fn holds(&self, [x, y, z]: [[f32; 4]; 3]) -> [bool; 4] {
+        let mut met = [false; 4];
+        for k in 0..4 {
+            let along = x[k] * self.way.x + y[k] * self.way.y + z[k] * self.way.z;
+            let length = x[k] * x[k] + y[k] * y[k] + z[k] * z[k];
+            let is_within = (along > 0.0) & (along * along >= length * self.edge);
+            met[k] = (length >= self.shortest) & (is_within | (self.edge <= 0.0));
         }
+        met
     }
 }
 
@@ -107,48 +153,51 @@ impl Movers<'_> {
         self.balls.iter().filter(|ball| ball.is_near(position, normal)).copied().collect()
     }
 
-    /// Columns of rows that begin at a point which meet what moves on their way.
-    fn replaced(
-        &self,
-        near: &[Ball],
-        from: Vec3,
-        elements: &[Patch],
-        columns: impl Iterator<Item = u32>,
-    ) -> Vec<(u32, u32)> {
-        let offset = self.geometry.ray_offset;
-        let way = |column: u32| {
-            let element = &elements[column as usize];
-            element.centroid + element.normal * offset - from
-        };
-        // Most columns are nowhere near, and stand in the row several times.
-        let comes_near = |&column: &u32| {
-            let way = way(column);
-            near.iter().any(|ball| ball.is_met(from, way, 1.0))
-        };
-        let mut met: Vec<u32> = columns.filter(comes_near).collect();
-        met.sort_unstable();
-        met.dedup();
-        met.into_iter().filter_map(|column| Some((column, self.met(from, way(column), 1.0)?))).collect()
+    /// Quads of rows that begin at a point in which a column meets what moves on its way.
+    fn replaced(&self, near: &[Ball], from: Vec3, rows: &HitCounts, own: Range<usize>) -> Vec<(u32, UVec2)> {
+        let cones: Vec<Cone> = near.iter().map(|ball| Cone::new(ball, from)).collect();
+        let own = rows.row_start()[own.start]..rows.row_start()[own.end];
+        let mut changed = Vec::new();
+        for number in own {
+            let columns = quad_columns(rows.quads()[number as usize]);
+            let ways = columns.map(|column| self.middles[column as usize] - from);
+            let parts = [ways.map(|way| way.x), ways.map(|way| way.y), ways.map(|way| way.z)];
+            let mut met = [false; 4];
+            for cone in &cones {
+                let by_one = cone.holds(parts);
+                (0..4).for_each(|k| met[k] |= by_one[k]);
+            }
+            if met == [false; 4] {
+                continue;
+            }
+            let mut now = columns;
+            for k in (0..4).filter(|&k| met[k]) {
+                now[k] = self.met(from, ways[k], 1.0).unwrap_or(columns[k]);
+            }
+            if now != columns {
+                changed.push((number, quad_of(now)));
+            }
+        }
+        changed
     }
 
     /// Rows of elements that change.
-    pub fn element_changes(&self, elements: &[Patch], rows: &HitCounts) -> Vec<RowChange> {
+    pub fn element_changes(&self, rows: &HitCounts) -> Vec<RowChange> {
         let change = |(item, element): (usize, &Patch)| {
             let near = self.near(element.centroid, element.normal);
             if near.is_empty() {
                 return None;
             }
             let from = element.centroid + element.normal * self.geometry.ray_offset;
-            let columns = self.replaced(&near, from, elements, rows.quad_columns(item));
-            (!columns.is_empty()).then(|| RowChange { item: item as u32, columns, ..RowChange::default() })
+            let quads = self.replaced(&near, from, rows, item..item + 1);
+            (!quads.is_empty()).then(|| RowChange { item: item as u32, quads, ..RowChange::default() })
         };
-        elements.par_iter().enumerate().filter_map(change).collect()
+        self.elements.par_iter().enumerate().filter_map(change).collect()
     }
 
     /// Rows of receivers that change, over the elements and over the bins of the sky.
     pub fn receiver_changes(
         &self,
-        elements: &[Patch],
         receivers: &[SurfacePoint],
         rows: &HitCounts,
         sky_rows: &HitCounts,
@@ -160,26 +209,20 @@ impl Movers<'_> {
             }
             let from = receiver.position + receiver.normal * self.geometry.ray_offset;
             let own = QUADRANTS * item..QUADRANTS * (item + 1);
-            let columns = own.clone().flat_map(|row| rows.quad_columns(row));
-            let columns = self.replaced(&near, from, elements, columns);
-            let mut change = RowChange { item: item as u32, columns, ..RowChange::default() };
+            let quads = self.replaced(&near, from, rows, own.clone());
+            let mut change = RowChange { item: item as u32, quads, ..RowChange::default() };
             for (more, row) in change.more.iter_mut().zip(own) {
-                let mut met: Vec<(u32, u32)> = Vec::new();
-                for (bin, count) in sky_rows.row(row) {
-                    if let Some(column) = self.on_the_way(&near, from, sky_direction(bin), f32::INFINITY) {
-                        change.bins.push(bin);
-                        met.push((column, count));
-                    }
-                }
-                // All of them to the element that is met most.
-                let hits = met.iter().map(|own| own.1).sum();
-                let times = |column: u32| met.iter().filter(|own| own.0 == column).map(|own| own.1).sum::<u32>();
-                let most = met.iter().map(|own| (times(own.0), own.0)).max();
-                *more = most.map(|(_, column)| (column, hits));
+                let mut met = Vec::new();
+                let sky = changed_quads(sky_rows, row..row + 1, |bin| {
+                    let column = self.on_the_way(&near, from, sky_direction(bin), f32::INFINITY)?;
+                    met.push(column);
+                    // The bin behind the last is dark.
+                    Some(SKY_BINS as u32)
+                });
+                *more = most_met(&met, covered(sky_rows, &sky));
+                change.sky.extend(sky);
             }
-            change.bins.sort_unstable();
-            change.bins.dedup();
-            (!change.columns.is_empty() || !change.bins.is_empty()).then_some(change)
+            (!change.quads.is_empty() || !change.sky.is_empty()).then_some(change)
         };
         receivers.par_iter().enumerate().filter_map(change).collect()
     }
@@ -207,6 +250,34 @@ impl Movers<'_> {
         add_quadrant_rows(&mut rows, (&mut sky, &sky_bin), &surfaces, rays, &ignore_progress)?;
         Ok([whole_rows(&rows)?, whole_rows(&sky)?])
     }
+}
+
+/// Quads of rows in which columns are replaced.
+fn changed_quads(rows: &HitCounts, own: Range<usize>, mut column: impl FnMut(u32) -> Option<u32>) -> Vec<(u32, UVec2)> {
+    let own = rows.row_start()[own.start]..rows.row_start()[own.end];
+    let mut changed = Vec::new();
+    for number in own {
+        let before = quad_columns(rows.quads()[number as usize]);
+        let after = before.map(|own| column(own).unwrap_or(own));
+        if after != before {
+            changed.push((number, quad_of(after)));
+        }
+    }
+    changed
+}
+
+/// Rays that went to what is dark now.
+fn covered(rows: &HitCounts, changed: &[(u32, UVec2)]) -> u32 {
+    let dark = |quad: UVec2| quad_columns(quad).into_iter().filter(|&bin| bin == SKY_BINS as u32).count() as u32;
+    let steps: u32 = changed.iter().map(|&(number, quad)| u32::from(rows.counts()[number as usize]) * dark(quad)).sum();
+    (steps as f32 * COUNT_STEP).round() as u32
+}
+
+/// All of these hits go to the column that is met most.
+fn most_met(met: &[u32], hits: u32) -> Option<(u32, u32)> {
+    let times = |column: u32| met.iter().filter(|&&own| own == column).count();
+    let most = met.iter().map(|&column| (times(column), column)).max();
+    most.map(|(_, column)| (column, hits))
 }
 
 /// Rows of whole hemispheres from those of quadrants.

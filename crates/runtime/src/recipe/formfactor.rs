@@ -303,7 +303,7 @@ impl HitTables {
         }
     }
 
-    /// Puts rows on the device of which some change from frame to frame ([`Self::set_rows`]).
+    /// Puts rows on the device of which some change from frame to frame ([`Self::set_quads`]).
     pub fn changing(plan: &mut Plan, tables: &mut Tables, hits: &HitCounts) -> Self {
         // Not shared: the executor writes to them.
         let quads = hits.quads();
@@ -317,38 +317,39 @@ impl HitTables {
         }
     }
 
-    /// Replaces rows of [`Self::changing`] that follow each other, by their quads and counts; each keeps its length,
-    /// and what is missing at the end of one is empty.
+    /// Number of a row's first quad; that of the row behind the last is the number of quads.
+    pub fn first_quad(&self, row: usize) -> usize {
+        self.starts[row] as usize
+    }
+
+    /// Replaces quads of [`Self::changing`], from one on.
     ///
     /// # Errors
     /// What the device says.
-    pub fn set_rows(
+    pub fn set_quads(
         &self,
         executor: &mut (dyn Executor + 'static),
-        first_row: usize,
-        rows: &[(Vec<UVec2>, Vec<u8>)],
-        counts: &mut [u8],
+        first: usize,
+        quads: &[UVec2],
     ) -> Result<(), ExecutorError> {
-        let first = self.starts[first_row] as usize;
-        let end = self.starts[first_row + rows.len()] as usize;
-        let mut quads = vec![UVec2::ZERO; end - first];
-        for (k, (own, own_counts)) in rows.iter().enumerate() {
-            let start = self.starts[first_row + k] as usize;
-            let length = self.starts[first_row + k + 1] as usize - start;
-            let length = length.min(own.len());
-            quads[start - first..start - first + length].copy_from_slice(&own[..length]);
-            let kept = &mut counts[start..self.starts[first_row + k + 1] as usize];
-            kept.fill(0);
-            kept[..length].copy_from_slice(&own_counts[..length]);
-        }
-        if quads.is_empty() {
-            return Ok(());
-        }
-        executor.upload_at(self.quads.buffer, (first * size_of::<UVec2>()) as u64, bytemuck::cast_slice(&quads))?;
+        let offset = (first * size_of::<UVec2>()) as u64;
+        executor.upload_at(self.quads.buffer, offset, bytemuck::cast_slice(quads))
+    }
+
+    /// Replaces the counts of a range of quads of [`Self::changing`] by those of all `counts`.
+    ///
+    /// # Errors
+    /// What the device says.
+    pub fn set_counts(
+        &self,
+        executor: &mut (dyn Executor + 'static),
+        quads: ops::Range<usize>,
+        counts: &[u8],
+    ) -> Result<(), ExecutorError> {
         // Whole words.
         let words = WORD_COUNTS as usize;
-        let from = first / words * words;
-        let to = end.next_multiple_of(words).min(counts.len());
+        let from = quads.start / words * words;
+        let to = quads.end.next_multiple_of(words).min(counts.len());
         let mut bytes = counts[from..to].to_vec();
         bytes.resize(bytes.len().next_multiple_of(words), 0);
         executor.upload_at(self.counts.buffer, from as u64, &bytes)

@@ -122,17 +122,16 @@ impl HitCounts {
         let own = first as usize..end as usize;
         let mut mapped = Row { quads: Vec::with_capacity(own.len()), counts: self.counts[own.clone()].to_vec() };
         for quad in &self.quads[own] {
-            let four = [quad.x & 0xffff, quad.x >> 16, quad.y & 0xffff, quad.y >> 16].map(|c| columns[c as usize]);
+            let four = quad_columns(*quad).map(|c| columns[c as usize]);
             if four.iter().any(|&column| column as usize >= count) {
                 return Err(wrong("one whose columns are all still there"));
             }
-            mapped.quads.push(UVec2::new(four[0] | four[1] << 16, four[2] | four[3] << 16));
+            mapped.quads.push(quad_of(four));
         }
         Ok(mapped)
     }
 
-    /// Copy over more columns, with one empty quad more at the end of each row that `has_room`: for
-    /// [`Self::redirected`].
+    /// Copy over more columns, with one empty quad more at the end of each row that `has_room`.
     ///
     /// # Errors
     /// [`Error::TooMany`] columns or quads.
@@ -159,36 +158,6 @@ impl HitCounts {
         Ok(copy)
     }
 
-    /// Quads and counts of a row with other columns in place of its own, and some hits more on one column, up to 255,
-    /// which fill a quad of their own.
-    pub fn redirected(
-        &self,
-        row: usize,
-        column: impl Fn(u32) -> u32,
-        more: Option<(u32, u32)>,
-    ) -> (Vec<UVec2>, Vec<u8>) {
-        let own = self.row_start[row] as usize..self.row_start[row + 1] as usize;
-        let quad = |quad: &UVec2| {
-            let [a, b, c, d] = [quad.x & 0xffff, quad.x >> 16, quad.y & 0xffff, quad.y >> 16].map(&column);
-            UVec2::new(a | b << 16, c | d << 16)
-        };
-        let mut quads: Vec<UVec2> = self.quads[own.clone()].iter().map(quad).collect();
-        let mut counts = self.counts[own].to_vec();
-        if let Some((column, hits)) = more {
-            let two = column | column << 16;
-            quads.push(UVec2::new(two, two));
-            counts.push(hits.min(u32::from(u8::MAX)) as u8);
-        }
-        (quads, counts)
-    }
-
-    /// Columns of a row's quads, as often as they stand there.
-    pub fn quad_columns(&self, row: usize) -> impl Iterator<Item = u32> + '_ {
-        let own = self.row_start[row] as usize..self.row_start[row + 1] as usize;
-        let columns = |quad: &UVec2| [quad.x & 0xffff, quad.x >> 16, quad.y & 0xffff, quad.y >> 16];
-        self.quads[own].iter().flat_map(columns)
-    }
-
     /// Adds rows that are coded.
     fn add(&mut self, coded: Vec<Row>, scales: &[f32]) -> Result<(), Error> {
         let found = (self.quads.len() + coded.iter().map(|row| row.quads.len()).sum::<usize>()) as u64;
@@ -211,10 +180,9 @@ impl HitCounts {
     pub fn check(&self) -> Result<(), Error> {
         check_offsets("row_start", self.scales.len(), self.quads.len(), &self.row_start)?;
         check_length("counts", self.quads.len(), self.counts.len())?;
-        let columns = |quad: &UVec2| [quad.x & 0xffff, quad.x >> 16, quad.y & 0xffff, quad.y >> 16];
-        match self.quads.iter().position(|quad| columns(quad).iter().any(|&c| c as usize >= self.columns)) {
+        match self.quads.iter().position(|quad| quad_columns(*quad).iter().any(|&c| c as usize >= self.columns)) {
             Some(index) => {
-                let value = columns(&self.quads[index]).into_iter().max().map_or(0.0, f64::from);
+                let value = quad_columns(self.quads[index]).into_iter().max().map_or(0.0, f64::from);
                 Err(Error::Value { name: "quads", index, value, rule: "below the number of columns" })
             }
             None => Ok(()),
@@ -253,8 +221,8 @@ impl HitCounts {
         let (Some(&first), Some(&end)) = (self.row_start.get(i), self.row_start.get(i + 1)) else { return Vec::new() };
         let mut steps: Vec<(u32, u32)> = Vec::new();
         for quad in first as usize..end as usize {
-            let (UVec2 { x, y }, count) = (self.quads[quad], u32::from(self.counts[quad]));
-            steps.extend([x & 0xffff, x >> 16, y & 0xffff, y >> 16].map(|column| (column, count)));
+            let count = u32::from(self.counts[quad]);
+            steps.extend(quad_columns(self.quads[quad]).map(|column| (column, count)));
         }
         steps.sort_unstable();
         steps
@@ -312,6 +280,16 @@ impl HitCounts {
         }
         Ok(csr)
     }
+}
+
+/// The columns of a quad.
+pub fn quad_columns(quad: UVec2) -> [u32; FOUR] {
+    [quad.x & 0xffff, quad.x >> 16, quad.y & 0xffff, quad.y >> 16]
+}
+
+/// A quad of four columns below 65,536.
+pub fn quad_of(columns: [u32; FOUR]) -> UVec2 {
+    UVec2::new(columns[0] | columns[1] << 16, columns[2] | columns[3] << 16)
 }
 
 /// Adds up the entries of each column of a row, in their order.

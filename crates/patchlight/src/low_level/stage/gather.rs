@@ -57,7 +57,8 @@ pub fn add_receivers(frame: &mut FramePlan, method: &mut dyn Method) -> Result<O
     let mut changing = None;
     if !is_found {
         let receivers = &frame.bake.receivers;
-        let sees_sky = |row: usize| receivers.sky_rows.quad_columns(row).next().is_some();
+        let starts = receivers.sky_rows.row_start();
+        let sees_sky = |row: usize| starts[row] < starts[row + 1];
         changing = changing_rows(frame, &receivers.rows, QUADRANTS, sees_sky)?;
         let tables = match &changing {
             Some(changing) => changing.tables.clone(),

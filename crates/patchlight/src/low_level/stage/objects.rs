@@ -17,12 +17,11 @@ use runtime::recipe::formfactor::{HitTables, Surfaces};
 use runtime::recipe::scene::PassMedium;
 use scene::gpu::DirectParams;
 use scene::{Rgb, SKY_BINS, Scene, SurfacePoint, sky_exitance};
-use transport::{Csr, HitCounts};
+use transport::{Csr, HitCounts, quad_of};
 
 use super::direct::{self, PointLight};
 use crate::error::Error;
 use crate::low_level::frame::{ChangedPatches, FramePlan};
-use crate::objects::rows::RowChange;
 use crate::objects::{ObjectTables, Placed};
 
 /// Name of the passes.
@@ -250,26 +249,31 @@ fn add<P: KernelPass<Push = CountParams>>(plan: &mut Plan, pass: &P, count: usiz
     Ok(())
 }
 
+/// Items whose rows are put on the device together.
+const TOGETHER: usize = 64;
+
 /// Rows on the device of which objects change some.
 #[derive(Clone, Debug)]
 pub struct ChangingRows {
     /// The rows.
     pub tables: HitTables,
     before: Arc<HitCounts>,
-    /// Counts as they are on the device.
+    /// Counts as they are on the device; none where no row has room for more.
     counts: Vec<u8>,
     /// Rows of an item: an element, or the quadrants of a receiver.
     parts: usize,
     changed: Vec<u32>,
 }
 
-/// What objects change of rows.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Of {
-    /// Columns that are elements.
-    Elements,
-    /// Columns that are bins of the sky.
-    Sky,
+/// Rows of an item that objects change.
+#[derive(Clone, Copy, Debug)]
+pub struct ItemChange<'a> {
+    /// The item.
+    pub item: u32,
+    /// Quads that are others than before, by their number.
+    pub quads: &'a [(u32, UVec2)],
+    /// For each of its rows, a column that is met more often, and how often.
+    pub more: &'a [Option<(u32, u32)>],
 }
 
 impl ChangingRows {
@@ -286,58 +290,95 @@ impl ChangingRows {
         has_room: impl Fn(usize) -> bool,
     ) -> Result<Self, Error> {
         let roomy = rows.with_room(columns, has_room)?;
+        let has_more = roomy.counts().len() > rows.counts().len();
         Ok(Self {
             tables: HitTables::changing(plan, tables, &roomy),
             before: Arc::clone(rows),
-            counts: roomy.counts().to_vec(),
+            counts: if has_more { roomy.counts().to_vec() } else { Vec::new() },
             parts,
             changed: Vec::new(),
         })
     }
 
-    /// Makes the rows those of these changes, and of no others.
+    /// Makes the rows those of these changes, of ascending items, and of no others.
     ///
     /// # Errors
     /// What the device says.
     pub fn set(
         &mut self,
         executor: &mut (dyn Executor + 'static),
-        changes: &[RowChange],
-        of: Of,
+        changes: &[ItemChange<'_>],
     ) -> Result<(), ExecutorError> {
         let mut items: Vec<u32> = changes.iter().map(|change| change.item).chain(self.changed.drain(..)).collect();
         items.sort_unstable();
         items.dedup();
-        let made: Vec<Vec<(Vec<UVec2>, Vec<u8>)>> =
-            items.par_iter().map(|&item| self.rows(item, changes, of)).collect();
         // Neighbours together.
-        let mut made = made.into_iter();
-        for run in items.chunk_by(|a, b| a + 1 == *b) {
-            let rows: Vec<(Vec<UVec2>, Vec<u8>)> = made.by_ref().take(run.len()).flatten().collect();
-            self.tables.set_rows(executor, self.parts * run[0] as usize, &rows, &mut self.counts)?;
+        let runs: Vec<&[u32]> = items.chunk_by(|a, b| a + 1 == *b).flat_map(|run| run.chunks(TOGETHER)).collect();
+        let made: Vec<Vec<UVec2>> = runs.par_iter().map(|run| self.quads(run, changes)).collect();
+        for (run, quads) in runs.into_iter().zip(made) {
+            let first = self.tables.first_quad(self.parts * run[0] as usize);
+            if quads.is_empty() {
+                continue;
+            }
+            self.tables.set_quads(executor, first, &quads)?;
+            if !self.counts.is_empty() && self.set_more(run, changes) {
+                self.tables.set_counts(executor, first..first + quads.len(), &self.counts)?;
+            }
         }
         self.changed = changes.iter().map(|change| change.item).collect();
         Ok(())
     }
 
-    /// Rows of an item.
-    fn rows(&self, item: u32, changes: &[RowChange], of: Of) -> Vec<(Vec<UVec2>, Vec<u8>)> {
-        let change = changes.binary_search_by_key(&item, |change| change.item).ok().map(|k| &changes[k]);
-        let row = |part: usize| {
-            let row = self.parts * item as usize + part;
-            match (change, of) {
-                (None, _) => self.before.redirected(row, |column| column, None),
-                (Some(change), Of::Elements) => {
-                    self.before.redirected(row, |column| change.column(column), change.more[part])
+    /// Quads of the rows of items that follow each other.
+    fn quads(&self, items: &[u32], changes: &[ItemChange<'_>]) -> Vec<UVec2> {
+        let starts = self.before.row_start();
+        let quads = self.before.quads();
+        let mut made = Vec::new();
+        for &item in items {
+            let change = change_of(changes, item);
+            let mut changed = change.map_or(&[][..], |change| change.quads).iter().peekable();
+            for part in 0..self.parts {
+                let row = self.parts * item as usize + part;
+                let own = starts[row]..starts[row + 1];
+                let first = made.len();
+                made.extend_from_slice(&quads[own.start as usize..own.end as usize]);
+                while let Some((number, quad)) = changed.next_if(|(number, _)| *number < own.end) {
+                    made[first + (number - own.start) as usize] = *quad;
                 }
-                // The bin behind the last is dark.
-                (Some(change), Of::Sky) => {
-                    let is_covered = |bin: &u32| change.bins.binary_search(bin).is_ok();
-                    let dark = |bin: u32| if is_covered(&bin) { SKY_BINS as u32 } else { bin };
-                    self.before.redirected(row, dark, None)
+                if self.has_room(row) {
+                    let more = change.and_then(|change| change.more[part]);
+                    made.push(more.map_or(UVec2::ZERO, |(column, _)| quad_of([column; 4])));
                 }
             }
-        };
-        (0..self.parts).map(row).collect()
+        }
+        made
     }
+
+    fn has_room(&self, row: usize) -> bool {
+        let starts = self.before.row_start();
+        self.tables.first_quad(row + 1) - self.tables.first_quad(row) > (starts[row + 1] - starts[row]) as usize
+    }
+
+    /// Sets the counts of columns that are met more often; returns true if some are others now.
+    fn set_more(&mut self, items: &[u32], changes: &[ItemChange<'_>]) -> bool {
+        let mut is_new = false;
+        for &item in items {
+            let change = change_of(changes, item);
+            for part in 0..self.parts {
+                let row = self.parts * item as usize + part;
+                if self.has_room(row) {
+                    let more = change.and_then(|change| change.more[part]);
+                    let hits = more.map_or(0, |(_, hits)| hits.min(u32::from(u8::MAX)) as u8);
+                    let count = &mut self.counts[self.tables.first_quad(row + 1) - 1];
+                    is_new |= *count != hits;
+                    *count = hits;
+                }
+            }
+        }
+        is_new
+    }
+}
+
+fn change_of<'a>(changes: &[ItemChange<'a>], item: u32) -> Option<ItemChange<'a>> {
+    changes.binary_search_by_key(&item, |change| change.item).ok().map(|k| changes[k])
 }
