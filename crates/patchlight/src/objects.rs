@@ -184,7 +184,7 @@ impl ObjectTables {
         for object in &self.objects {
             let own = first..first + object.shape.elements();
             first = own.end;
-            balls.push(Ball::of(geometry, own));
+            balls.push(Ball::of(geometry, own, &object.transform));
         }
         let mesh = &bake.mesh;
         if self.middles.len() != mesh.elements.len() {

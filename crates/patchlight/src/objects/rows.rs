@@ -7,7 +7,7 @@
 use std::ops::Range;
 
 use formfactor::add_quadrant_rows;
-use glam::{UVec2, Vec3};
+use glam::{Affine3A, Mat3, UVec2, Vec3};
 use patches::Columns;
 use rayon::prelude::*;
 use scene::{Geometry, Hit, NONE, SKY_BINS, SurfacePoint, sky_bin, sky_direction};
@@ -22,22 +22,37 @@ use crate::method::firstshot::ignore_progress;
 /// An object is not looked for where it covers less than this share of the hemisphere.
 const MIN_COVER: f32 = 0.002;
 
-/// Place of an object: the ball about it.
+/// By how much a box about an object is larger than it, as a share of its longest edge: rays and boxes are rounded
+/// apart.
+const MARGIN: f32 = 1e-4;
+
+/// Place of an object: the ball about it, and the box in its own space.
 #[derive(Clone, Copy, Debug)]
 pub struct Ball {
     pub middle: Vec3,
     pub radius: f32,
+    to_own: Affine3A,
+    low: Vec3,
+    high: Vec3,
 }
 
 impl Ball {
-    /// About triangles of a geometry.
-    pub fn of(geometry: &Geometry, triangles: Range<usize>) -> Self {
+    /// About triangles of a geometry that a transform has put there.
+    pub fn of(geometry: &Geometry, triangles: Range<usize>, transform: &Affine3A) -> Self {
         let own = &geometry.triangles[triangles];
         let corners = || own.iter().flat_map(|t| [t.corner, t.corner + t.edge_a, t.corner + t.edge_b]);
         let low = corners().fold(Vec3::INFINITY, Vec3::min);
         let high = corners().fold(Vec3::NEG_INFINITY, Vec3::max);
         let middle = 0.5 * (low + high);
-        Self { middle, radius: corners().map(|corner| corner.distance(middle)).fold(0.0, f32::max) }
+        let radius = corners().map(|corner| corner.distance(middle)).fold(0.0, f32::max);
+        let to_own = transform.inverse();
+        let inside = |low: Vec3, corner: Vec3| low.min(to_own.transform_point3(corner));
+        let outside = |high: Vec3, corner: Vec3| high.max(to_own.transform_point3(corner));
+        let low = corners().fold(Vec3::INFINITY, inside);
+        let high = corners().fold(Vec3::NEG_INFINITY, outside);
+        let margin = MARGIN * (high - low).max_element();
+        let (low, high) = (low - margin, high + margin);
+        Self { middle, radius, to_own, low, high }
     }
 
     /// Returns true if the ball covers enough of what a point sees.
@@ -99,13 +114,17 @@ pub fn item_changes(changes: &[RowChange], of: impl Fn(&RowChange) -> ItemChange
     changes.iter().map(of).collect()
 }
 
-/// Directions and distances from a point in which a ball is met.
+/// Directions and distances from a point in which an object's ball and box are met.
 #[derive(Clone, Copy, Debug)]
 struct Cone {
     way: Vec3,
-    /// Squares of the way's length and of the length to the edge; of the shortest length that meets the ball.
+    /// Squares of the length to the edge of the ball, and of the shortest length that meets it.
     edge: f32,
     shortest: f32,
+    /// Corners of the box from the point, and the way there, in the space of the object.
+    low: Vec3,
+    high: Vec3,
+    to_own: Mat3,
 }
 
 impl Cone {
@@ -114,7 +133,28 @@ impl Cone {
         let beyond = (way.length() - ball.radius).max(0.0);
         // Met all about from inside.
         let edge = way.length_squared() - ball.radius * ball.radius;
-        Self { way, edge, shortest: beyond * beyond }
+        let own = ball.to_own.transform_point3(from);
+        let to_own = Mat3::from(ball.to_own.matrix3);
+        Self { way, edge, shortest: beyond * beyond, low: ball.low - own, high: ball.high - own, to_own }
+    }
+
+    /// Returns true for those of four ways, by their coordinates, that meet the box.
+    fn meets(&self, [x, y, z]: [[f32; 4]; 3]) -> [bool; 4] {
+        let mut first = [0.0f32; 4];
+        let mut last = [1.0f32; 4];
+        for axis in 0..3 {
+            let row = self.to_own.row(axis);
+            let (low, high) = (self.low[axis], self.high[axis]);
+            for k in 0..4 {
+                let share = 1.0 / (x[k] * row.x + y[k] * row.y + z[k] * row.z);
+                let (a, b) = (low * share, high * share);
+                first[k] = first[k].max(a.min(b));
+                last[k] = last[k].min(a.max(b));
+            }
+        }
+        let mut met = [false; 4];
+        (0..4).for_each(|k| met[k] = first[k] <= last[k]);
+        met
     }
 
     /// Returns true for those of four ways, by their coordinates, that may meet the ball.
@@ -164,8 +204,11 @@ impl Movers<'_> {
             let parts = [ways.map(|way| way.x), ways.map(|way| way.y), ways.map(|way| way.z)];
             let mut met = [false; 4];
             for cone in &cones {
-                let by_one = cone.holds(parts);
-                (0..4).for_each(|k| met[k] |= by_one[k]);
+                let held = cone.holds(parts);
+                if held != [false; 4] {
+                    let by_one = cone.meets(parts);
+                    (0..4).for_each(|k| met[k] |= held[k] & by_one[k]);
+                }
             }
             if met == [false; 4] {
                 continue;
