@@ -17,6 +17,7 @@ mod description;
 pub(crate) mod draft;
 mod error;
 mod gltf_file;
+mod gltf_moving;
 mod lightmap_uvs;
 pub(crate) mod lights;
 pub mod luminaire;

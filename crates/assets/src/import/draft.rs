@@ -191,6 +191,8 @@ pub struct Mesh {
     pub lightmap_uvs: Vec<[Vec2; 3]>,
     /// Objects' names.
     pub objects: Vec<String>,
+    /// Objects that move, in units of the file.
+    pub moving: Vec<MovingObject>,
     /// Materials.
     pub materials: Vec<MaterialDraft>,
     /// Lights of the file, in its units of length.
@@ -350,8 +352,11 @@ pub fn finish(mut mesh: Mesh, setting: Setting, options: &LoadOptions) -> Result
     let view = view.unwrap_or_else(|| frame_bounds(scene.geometry.bounds));
     let exposure_stops = setting.exposure_stops.unwrap_or(0.0);
     content_hash = hash_view(content_hash, &view, exposure_stops);
-    if !setting.moving.is_empty() {
-        content_hash = hash_moving(content_hash, &setting.moving);
+    let scale = setting.metres_per_unit;
+    let mut moving: Vec<MovingObject> = mesh.moving.into_iter().map(|object| object.scaled(scale)).collect();
+    moving.extend(setting.moving);
+    if !moving.is_empty() {
+        content_hash = hash_moving(content_hash, &moving);
     }
     let animation = Animation { lights: scene.lighting.lights.clone(), view, tracks: setting.animation.tracks };
     Ok(LoadedScene {
@@ -366,7 +371,7 @@ pub fn finish(mut mesh: Mesh, setting: Setting, options: &LoadOptions) -> Result
         textures: packed.names,
         warnings,
         animation,
-        moving: setting.moving,
+        moving,
         content_hash,
         files,
         file_triangles,
@@ -684,6 +689,7 @@ fn hash_moving(before: [u8; 32], moving: &[MovingObject]) -> [u8; 32] {
     for object in moving {
         digest.update(object.material.to_le_bytes());
         digest.update(bytemuck::cast_slice(&object.corners));
+        digest.update(bytemuck::cast_slice(&object.uvs));
         for pose in &object.poses {
             digest.update(bytemuck::bytes_of(&[pose.time]));
             digest.update(bytemuck::bytes_of(&pose.position));

@@ -16,21 +16,26 @@ use gltf::{Accessor, Document, Gltf, Node, Primitive};
 use scene::Light;
 
 use super::draft::{FileTriangle, FinishDraft, MaterialDraft, Mesh, check_count, packed_normal};
+use super::gltf_moving::Movements;
 use super::optics::{GLASS, Optics};
 use super::pictures::{MaskChannel, Source, guard};
 use super::scene_file::beside;
 use super::{ImportError, LoadOptions, View, lights};
 
 /// The file in hand: for messages and paths.
-struct File<'a> {
-    path: &'a Path,
+pub(super) struct File<'a> {
+    pub(super) path: &'a Path,
     /// One file that several buffers name is held once.
     buffers: Vec<Arc<Vec<u8>>>,
 }
 
 impl File<'_> {
-    fn error(&self, place: impl Into<String>, reason: impl Into<String>) -> ImportError {
+    pub(super) fn error(&self, place: impl Into<String>, reason: impl Into<String>) -> ImportError {
         ImportError::Gltf { path: self.path.to_path_buf(), place: place.into(), reason: reason.into() }
+    }
+
+    pub(super) fn buffer(&self, buffer: &gltf::Buffer) -> Option<&[u8]> {
+        self.buffers.get(buffer.index()).map(|bytes| bytes.as_slice())
     }
 }
 
@@ -108,7 +113,7 @@ fn percent_decode(uri: &str) -> String {
 
 /// Origin of a material's texture coordinates in the mesh's.
 #[derive(Clone, Copy, Default)]
-struct UvRule {
+pub(super) struct UvRule {
     set: u32,
     transform: Option<([f32; 2], f32, [f32; 2])>,
 }
@@ -161,8 +166,13 @@ fn collect(file: &File, document: &Document, options: &LoadOptions) -> Result<Me
         placed.iter().filter_map(|(node, _)| node.mesh()).flat_map(|shape| shape.primitives()).map(|p| face_count(&p));
     let count = triangles.fold(0usize, usize::saturating_add);
     check_count(file.path, count, options)?;
+    let movements = Movements::read(file, document, &mut mesh.warnings)?;
+    let has_rest = placed.iter().any(|(node, _)| node.mesh().is_some() && !movements.moves_mesh(node));
     for (node, to_world) in &placed {
-        add_node(file, node, *to_world, &rules, &mut mesh)?;
+        let moves = has_rest && node.mesh().is_some() && movements.moves_mesh(node);
+        let own = if moves { movements.objects(file, node, &rules, &mut mesh.warnings)? } else { None };
+        add_node(file, node, *to_world, (&rules, own.is_none()), &mut mesh)?;
+        mesh.moving.extend(own.into_iter().flatten());
     }
     Ok(mesh)
 }
@@ -178,12 +188,19 @@ fn face_count(primitive: &Primitive) -> usize {
     }
 }
 
-fn label(node: &Node) -> String {
+pub(super) fn label(node: &Node) -> String {
     let mesh_name = node.mesh().and_then(|m| m.name().map(str::to_owned));
     node.name().map(str::to_owned).or(mesh_name).unwrap_or_else(|| format!("node {}", node.index()))
 }
 
-fn add_node(file: &File, node: &Node, to_world: Mat4, rules: &[UvRule], mesh: &mut Mesh) -> Result<(), ImportError> {
+/// Adds what a node has; its mesh where that rests.
+fn add_node(
+    file: &File,
+    node: &Node,
+    to_world: Mat4,
+    (rules, rests): (&[UvRule], bool),
+    mesh: &mut Mesh,
+) -> Result<(), ImportError> {
     let place = || format!("node {} \"{}\"", node.index(), label(node));
     if let Some(camera) = node.camera().filter(|_| mesh.view.is_none()) {
         match camera.projection() {
@@ -213,7 +230,7 @@ fn add_node(file: &File, node: &Node, to_world: Mat4, rules: &[UvRule], mesh: &m
             .map_err(|(key, reason)| file.error(format!("light of {}", place()), format!("{key}: {reason}")))?;
         mesh.lights.push(built);
     }
-    let Some(shape) = node.mesh() else { return Ok(()) };
+    let Some(shape) = node.mesh().filter(|_| rests) else { return Ok(()) };
     mesh.objects.push(label(node));
     for primitive in shape.primitives() {
         add_primitive(file, &primitive, to_world, rules, mesh, &place())?;
@@ -264,20 +281,21 @@ fn add_primitive(
 }
 
 /// Vertex attributes of a primitive.
-struct Vertices {
+#[derive(Default)]
+pub(super) struct Vertices {
     /// In the world, in units of the file.
-    positions: Vec<Vec3>,
+    pub(super) positions: Vec<Vec3>,
     /// Coordinates of the material's textures; empty where there are none.
-    uvs: Vec<Vec2>,
+    pub(super) uvs: Vec<Vec2>,
     /// Normals in the world, packed; empty where there are none.
-    normals: Vec<u32>,
+    pub(super) normals: Vec<u32>,
     /// In the atlas of a lightmap; empty where there are none.
-    lightmap: Vec<Vec2>,
-    indices: Vec<u32>,
+    pub(super) lightmap: Vec<Vec2>,
+    pub(super) indices: Vec<u32>,
 }
 
 /// Reads them, once their accessors are checked; none where there are no faces.
-fn read_vertices(
+pub(super) fn read_vertices(
     file: &File,
     primitive: &Primitive,
     positions: &Accessor,
@@ -303,7 +321,7 @@ fn read_vertices(
     if !is(positions, Dimensions::Vec3) || !are_normals || !is_pairs(&uvs) || !is_pairs(&atlas) {
         return Err(file.error(place, "POSITION and NORMAL must have three, TEXCOORD two numbers"));
     }
-    let reader = primitive.reader(|buffer| file.buffers.get(buffer.index()).map(|bytes| bytes.as_slice()));
+    let reader = primitive.reader(|buffer| file.buffer(&buffer));
     let positions: Vec<Vec3> = reader
         .read_positions()
         .map(|p| p.map(|p| to_world.transform_point3(Vec3::from(p))).collect())
@@ -331,7 +349,12 @@ fn read_vertices(
 }
 
 /// Adds the triangles of a primitive, turned round where its node mirrors; else what is wrong with one.
-fn add_faces(mode: Mode, vertices: &Vertices, (material, flipped): (u32, bool), mesh: &mut Mesh) -> Result<(), String> {
+pub(super) fn add_faces(
+    mode: Mode,
+    vertices: &Vertices,
+    (material, flipped): (u32, bool),
+    mesh: &mut Mesh,
+) -> Result<(), String> {
     let Vertices { positions, uvs, normals, lightmap, indices } = vertices;
     let object = mesh.objects.len() as u32 - 1;
     let corners = |face: usize| match mode {
@@ -369,7 +392,7 @@ fn add_faces(mode: Mode, vertices: &Vertices, (material, flipped): (u32, bool), 
 }
 
 /// Refuses accessors that reach beyond their view or buffer.
-fn check_accessor(file: &File, accessor: &Accessor, place: &str) -> Result<(), ImportError> {
+pub(super) fn check_accessor(file: &File, accessor: &Accessor, place: &str) -> Result<(), ImportError> {
     let error = |reason: &str| file.error(format!("{place}, accessor {}", accessor.index()), reason);
     if accessor.sparse().is_some() {
         return Err(error("sparse accessors are not read"));

@@ -1,9 +1,10 @@
 //! Objects of a scene that move.
 
-use glam::{Affine3A, Quat, Vec3};
+use glam::{Affine3A, Quat, Vec2, Vec3};
 use scene::{MaterialId, Mesh, Scene};
 use serde::{Deserialize, Serialize};
 
+use super::draft::FileTriangle;
 use super::{ImportError, LoadedScene};
 
 /// Place of an object at a time.
@@ -26,12 +27,36 @@ pub struct MovingObject {
     pub material: usize,
     /// Three corners of each triangle about its origin, counter-clockwise from the front, m.
     pub corners: Vec<Vec3>,
+    /// Texture coordinates of each corner, v = 0 at the bottom row; none where all are 0.
+    pub uvs: Vec<Vec2>,
     /// At least one pose, times ascending; between them positions go straight and rotations turn evenly, before the
     /// first and after the last it rests.
     pub poses: Vec<Pose>,
 }
 
 impl MovingObject {
+    /// Of some triangles of a file.
+    pub(crate) fn of_triangles<'a>(
+        name: String,
+        material: usize,
+        triangles: impl Iterator<Item = &'a FileTriangle> + Clone,
+        poses: Vec<Pose>,
+    ) -> Self {
+        let corners = triangles.clone().flat_map(|triangle| triangle.corners).collect();
+        let mut uvs: Vec<Vec2> = triangles.flat_map(|triangle| triangle.uvs).collect();
+        if uvs.iter().all(|&uv| uv == Vec2::ZERO) {
+            uvs = Vec::new();
+        }
+        Self { name, material, corners, uvs, poses }
+    }
+
+    /// In metres, of units that have so many.
+    pub(crate) fn scaled(mut self, metres: f32) -> Self {
+        self.corners.iter_mut().for_each(|corner| *corner *= metres);
+        self.poses.iter_mut().for_each(|pose| pose.position *= metres);
+        self
+    }
+
     /// Its place at a time, s.
     pub fn transform(&self, time: f32) -> Affine3A {
         let next = self.poses.partition_point(|pose| pose.time <= time);
@@ -54,6 +79,7 @@ impl MovingObject {
         Mesh {
             name: &self.name,
             positions: &self.corners,
+            uvs: &self.uvs,
             material: MaterialId::of_scene(self.material),
             ..Mesh::default()
         }
@@ -97,7 +123,7 @@ mod tests {
             rotation: Quat::from_rotation_y(angle),
         };
         let poses = vec![pose(1.0, 0.0, 0.0), pose(3.0, 4.0, FRAC_PI_2)];
-        let object = MovingObject { name: String::new(), material: 0, corners: Vec::new(), poses };
+        let object = MovingObject::of_triangles(String::new(), 0, [].iter(), poses);
         let at = |time: f32| object.transform(time).transform_point3(Vec3::X);
         assert!((at(0.0) - Vec3::X).length() < 1e-6 && (at(9.0) - Vec3::new(4.0, 0.0, -1.0)).length() < 1e-6);
         let half = std::f32::consts::FRAC_1_SQRT_2;

@@ -245,14 +245,13 @@ fn read_object(
         let area = (b - a).cross(c - a).length();
         area > 0.0 && area.is_finite()
     };
-    let corners: Vec<Vec3> =
-        own.triangles.iter().filter(has_area).flat_map(|t| t.corners.map(|corner| corner * scale)).collect();
-    if corners.is_empty() {
+    let stem = || path.file_stem().map_or_else(String::new, |stem| stem.to_string_lossy().into_owned());
+    let name = table.name.clone().unwrap_or_else(stem);
+    let found = MovingObject::of_triangles(name, material, own.triangles.iter().filter(has_area), Vec::new());
+    if found.corners.is_empty() {
         return Err(fault(("mesh", format!("{} has no triangle with an area", path.display()))));
     }
-    let stem = path.file_stem().map_or_else(String::new, |stem| stem.to_string_lossy().into_owned());
-    let name = table.name.clone().unwrap_or(stem);
-    Ok(MovingObject { name, material, corners, poses })
+    Ok(MovingObject { poses, ..found.scaled(scale) })
 }
 
 fn build_poses(table: &ObjectTable, scale: f32) -> Result<Vec<Pose>, Fault> {

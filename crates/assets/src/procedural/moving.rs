@@ -36,7 +36,7 @@ pub fn object(
     let first = b.mesh.triangles.len();
     build(b);
     let corners = b.mesh.triangles.drain(first..).flat_map(|triangle| triangle.corners).collect();
-    MovingObject { name: name.to_owned(), material: material as usize, corners, poses }
+    MovingObject { name: name.to_owned(), material: material as usize, corners, uvs: Vec::new(), poses }
 }
 
 /// A capsule from `a` to `b`, front outside.
