@@ -167,10 +167,14 @@ fn collect(file: &File, document: &Document, options: &LoadOptions) -> Result<Me
     let count = triangles.fold(0usize, usize::saturating_add);
     check_count(file.path, count, options)?;
     let movements = Movements::read(file, document, &mut mesh.warnings)?;
-    let has_rest = placed.iter().any(|(node, _)| node.mesh().is_some() && !movements.moves_mesh(node));
+    let moves = |node: &Node| node.mesh().is_some() && movements.moves_mesh(node);
+    let has_rest = placed.iter().any(|(node, _)| node.mesh().is_some() && !moves(node));
+    if !has_rest && placed.iter().any(|(node, _)| moves(node)) {
+        mesh.warnings.push(format!("{}: everything moves; it is read as it stands at first", file.path.display()));
+    }
     for (node, to_world) in &placed {
-        let moves = has_rest && node.mesh().is_some() && movements.moves_mesh(node);
-        let own = if moves { movements.objects(file, node, &rules, &mut mesh.warnings)? } else { None };
+        let own =
+            if has_rest && moves(node) { movements.objects(file, node, &rules, &mut mesh.warnings)? } else { None };
         add_node(file, node, *to_world, (&rules, own.is_none()), &mut mesh)?;
         mesh.moving.extend(own.into_iter().flatten());
     }

@@ -13,7 +13,7 @@ use serde::de::DeserializeOwned;
 /// First bytes of every bake.
 const MAGIC: [u8; 8] = *b"PLBAKE\r\n";
 /// Rises with every change of what the tables of a file mean, or of how they are made. Bakes of worlds have version 1.
-pub const VERSION: u32 = 10;
+pub const VERSION: u32 = 11;
 /// Reads as another number where bytes have the other order.
 const BYTE_ORDER: u32 = 0x0102_0304;
 const HEADER: usize = 56;
