@@ -217,6 +217,28 @@ fn another_bake_has_the_objects_where_they_are() {
     assert!(pixels(&mut fresh, &loaded) == found);
 }
 
+/// A renderer of another size is loaded between a bake and its first light: rows have no changes yet.
+#[test]
+fn pictures_of_a_coarser_bake_forget_the_rows_of_the_finer() {
+    let (loaded, red) = scene_with_red("rooms");
+    let positions = corners(Vec3::new(0.02, 1.06, 0.72));
+    let mesh = Mesh { positions: &positions, material: red, ..Mesh::default() };
+    let setup = Setup { patch_count: 200, receiver_rays: 128, size: (40, 30), sub_frames: 2, ..setup() };
+    let of = |receivers: usize| Setup { most_receivers: Some(receivers), ..setup.clone() };
+    let coarse = of(200).bake(&loaded).unwrap();
+    let found = [2000, 300].map(|receivers| {
+        let mut renderer = of(receivers).renderer(&loaded, cpu()).unwrap();
+        let id = renderer.light_mut().objects().insert(&mesh, door(-0.3)).unwrap();
+        pixels(&mut renderer, &loaded);
+        renderer.light_mut().set_bake(Arc::clone(&coarse), &Silent).unwrap();
+        renderer.resize((48, 36), 2).unwrap();
+        let at_once = pixels(&mut renderer, &loaded);
+        renderer.light_mut().objects().set_transform(id, door(-0.2)).unwrap();
+        [at_once, pixels(&mut renderer, &loaded)]
+    });
+    assert!(found[0] == found[1] && found[0][0] != found[0][1]);
+}
+
 #[test]
 fn both_executors_and_views_give_the_same_pictures() {
     let walk = |executor: Box<dyn Executor>, receivers: ReceiverUpdate| {

@@ -173,6 +173,9 @@ impl ObjectTables {
     /// The geometry is another one.
     pub fn forget(&mut self) {
         self.spare = None;
+        // They are of the rows of another bake, or of other objects.
+        self.element_changes.clear();
+        self.receiver_changes.clear();
         self.middles = Arc::default();
     }
 
