@@ -224,7 +224,7 @@ fn pictures_of_a_coarser_bake_forget_the_rows_of_the_finer() {
     let positions = corners(Vec3::new(0.02, 1.06, 0.72));
     let mesh = Mesh { positions: &positions, material: red, ..Mesh::default() };
     let setup = Setup { patch_count: 200, receiver_rays: 128, size: (40, 30), sub_frames: 2, ..setup() };
-    let of = |receivers: usize| Setup { most_receivers: Some(receivers), ..setup.clone() };
+    let of = |receivers: usize| Setup { most_receivers: Some(receivers), ..setup };
     let coarse = of(200).bake(&loaded).unwrap();
     let found = [2000, 300].map(|receivers| {
         let mut renderer = of(receivers).renderer(&loaded, cpu()).unwrap();

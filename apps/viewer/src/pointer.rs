@@ -149,11 +149,12 @@ struct Handle {
     moved: Vec3,
 }
 
-/// The handle of what is at a place, m; none outside of the picture.
+/// The handle of what is at a place, m; none outside of the picture and under the panels.
 fn handle(ui: &mut Ui, id: Id, camera: &Camera, picture: Rect, place: Vec3) -> Option<Handle> {
     let shown = project(camera, place)?;
     let centre = pos2(picture.left() + shown.x * picture.width(), picture.top() + shown.y * picture.height());
-    if !picture.contains(centre) {
+    // Not under the panels.
+    if !picture.intersect(ui.available_rect_before_wrap()).contains(centre) {
         return None;
     }
     let rect = Rect::from_center_size(centre, vec2(2.0 * HANDLE, 2.0 * HANDLE));
