@@ -27,6 +27,8 @@ const INWARDS: f32 = 0.05;
 /// Sides whose places are looked for together, unless they have more cells than this.
 const BLOCK_SIDES: usize = 1 << 14;
 const BLOCK_CELLS: u32 = 1 << 16;
+/// Further attempts to find light at a cell beside cells that have some.
+const ATTEMPTS: u32 = 4;
 /// Most divisions along the edge of a cell.
 const MAX_WITHIN: f32 = 32.0;
 
@@ -63,7 +65,7 @@ impl InterpolationMesh {
     /// Vertices of a grid on each side in `sides`: cells whose edges are at most `edge` m long, each cut further until
     /// edges are no longer than `within` says for its middle and its corners and its longest edge; a cell for which it
     /// says nothing asks `otherwise` for its middle, many cells together, and has no vertices where that says nothing
-    /// either; one that is smaller than the length has a single one. Vertices closer than `weld` m on nearly the same
+    /// either, at several attempts where other cells of its side have some; one that is smaller than the length has a single one. Vertices closer than `weld` m on nearly the same
     /// plane and side are one receiver. Both lengths grow with [`Density::edge`].
     ///
     /// # Errors
@@ -76,7 +78,7 @@ impl InterpolationMesh {
         edge: f32,
         weld: f32,
         within: impl Fn(&SurfacePoint, f32) -> Option<f32> + Sync,
-        otherwise: impl Fn(&[SurfacePoint]) -> Result<Vec<Option<f32>>, Error>,
+        otherwise: impl Fn(&[SurfacePoint], u32) -> Result<Vec<Option<f32>>, Error>,
     ) -> Result<Self, Error> {
         check_length("sides", scene.geometry.triangles.len(), sides.len())?;
         check_positive("edge", edge)?;
@@ -99,9 +101,10 @@ impl InterpolationMesh {
             let mut cells: Vec<Vec<CellPlan>> = block.par_iter().map(|s| side_cells(scene, s, &within)).collect();
             let open: Vec<&mut CellPlan> = cells.iter_mut().flatten().filter(|cell| cell.length.is_none()).collect();
             let middles: Vec<SurfacePoint> = open.iter().map(|cell| cell.middle).collect();
-            let lengths = otherwise(&middles)?;
+            let lengths = otherwise(&middles, 0)?;
             check_length("lengths", middles.len(), lengths.len())?;
             open.into_iter().zip(lengths).for_each(|(cell, length)| cell.length = length);
+            ask_again(&mut cells, &otherwise)?;
             let places: Vec<Vec<(u32, Vec<SurfacePoint>)>> =
                 block.par_iter().zip(&cells).map(|(s, cells)| places(scene, s, cells)).collect();
             let found = new.vertices.len() as u64 + places.iter().flatten().map(|p| p.1.len() as u64).sum::<u64>();
@@ -250,6 +253,23 @@ fn blocks(sides: &[Side]) -> Vec<&[Side]> {
         }
     }
     blocks
+}
+
+/// Asks about cells again that have no length beside others of their side that do: chance may have missed them.
+fn ask_again(
+    sides: &mut [Vec<CellPlan>],
+    otherwise: &impl Fn(&[SurfacePoint], u32) -> Result<Vec<Option<f32>>, Error>,
+) -> Result<(), Error> {
+    for attempt in 1..=ATTEMPTS {
+        let is_lit = |side: &&mut Vec<CellPlan>| side.iter().any(|cell| cell.length.is_some());
+        let cells = sides.iter_mut().filter(is_lit).flatten();
+        let open: Vec<&mut CellPlan> = cells.filter(|cell| cell.length.is_none()).collect();
+        let middles: Vec<SurfacePoint> = open.iter().map(|cell| cell.middle).collect();
+        let lengths = otherwise(&middles, attempt)?;
+        check_length("lengths", middles.len(), lengths.len())?;
+        open.into_iter().zip(lengths).for_each(|(cell, length)| cell.length = length);
+    }
+    Ok(())
 }
 
 /// The cells of a side, with what `within` says of them.

@@ -94,7 +94,7 @@ impl MeshReceivers {
     /// [`Error::Shared`] for a scene with more triangles than can be numbered.
     pub fn none(scene: &Scene) -> Result<Self, Error> {
         let sides = vec![Sides::default(); scene.geometry.triangles.len()];
-        let nowhere = |points: &[SurfacePoint]| Ok(vec![None; points.len()]);
+        let nowhere = |points: &[SurfacePoint], _: u32| Ok(vec![None; points.len()]);
         let interpolation = InterpolationMesh::new(scene, &Density::default(), &sides, 1.0, 1.0, |_, _| None, nowhere)?;
         let empty = PackedWeights::new(0, |_| Vec::new())?;
         Ok(Self {

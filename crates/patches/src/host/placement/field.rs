@@ -41,6 +41,8 @@ const MIN_WEIGHT: f32 = 0.02;
 const MAX_WEIGHT: f32 = 1.5;
 /// Most that a fit may change the sum of the weights, before they are made to sum to 1 again.
 const MAX_CHANGE: f32 = 0.25;
+/// Changes the random numbers of each further attempt.
+const AGAIN: u32 = 0x9e37_79b9;
 /// Weight of a difference of the normal in the choice, over that in the search.
 const NORMAL_WEIGHT: f32 = 100.0;
 
@@ -100,7 +102,8 @@ impl<'a> ReceiverField<'a> {
             WELD * edge,
             |point, size| self.spacing_about(&spacing, point, size),
             // Light may come where no receiver is: interpolation points there gather it themselves.
-            |points| {
+            |points, attempt| {
+                let seed = seed ^ attempt.wrapping_mul(AGAIN);
                 let samples: Vec<Sample> = points.iter().map(sample_at).collect();
                 let lit = sampler.are_lit(&samples, seed)?.into_iter().zip(points);
                 Ok(lit.map(|(is_lit, point)| is_lit.then(|| SMALL * self.edge_at(point.position))).collect())
