@@ -81,7 +81,7 @@ fn morton(key: IVec4) -> u64 {
 fn receivers(scene: &Scene) -> Vec<SurfacePoint> {
     let sides = find_sides(scene, SidePolicy::Front);
     let area: f32 = scene.geometry.triangles.iter().map(|t| 0.5 * t.edge_a.cross(t.edge_b).length()).sum();
-    let nowhere = |points: &[SurfacePoint]| Ok(vec![None; points.len()]);
+    let nowhere = |points: &[SurfacePoint], _: u32| Ok(vec![None; points.len()]);
     let mut edge = f32::sqrt(area / ROWS as f32);
     loop {
         let points =

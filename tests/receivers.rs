@@ -50,7 +50,7 @@ fn every_set_shows_the_same_light() {
     let sides = vec![Sides { front: true, back: false }; scene.geometry.triangles.len()];
     let settings = SubdivideSettings { size: PatchSize::Count(200), sides: SidePolicy::Front, ..Default::default() };
     let subdivision = subdivide(&scene, &settings).unwrap();
-    let nowhere = |points: &[SurfacePoint]| Ok(vec![None; points.len()]);
+    let nowhere = |points: &[SurfacePoint], _: u32| Ok(vec![None; points.len()]);
     let mesh =
         InterpolationMesh::new(&scene, &Density::default(), &sides, 0.9, 0.1, |_, _| Some(0.3), nowhere).unwrap();
     let map = LightmapTexels::new(&scene, &sides, 0.3, &|_| true).unwrap();

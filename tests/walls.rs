@@ -16,8 +16,9 @@ use reference::{PathSettings, PathTracer};
 use runtime::executor::{DeviceChoice, open};
 use scene::gpu::{LIGHT_DIRECTIONAL, LIGHT_POINT, Triangle, TriangleUv};
 use scene::math::luminance;
-use scene::{Camera, Light, Material, NONE, Scene, SceneParts, Sky, SurfacePoint};
+use scene::{Camera, Light, Material, NONE, Scene, SceneParts, Sky, SurfacePoint, is_open};
 use std::f32::consts::PI;
+use transport::kernel::grid::cell_corners;
 
 /// Patches of every scene.
 const COUNT: usize = 1000;
@@ -561,4 +562,34 @@ fn dark_dots_round_a_poster_of_polygons() {
 #[test]
 fn dark_dots_round_a_poster_of_clusters() {
     check_poster(PatchKind::Cluster);
+}
+
+/// The faces of a doorway are 20 mm wide: most of their cells are far from all receivers.
+#[test]
+fn no_cell_beside_lit_ones_is_dark_where_light_comes() {
+    let loaded = assets::load_or_build("rooms").unwrap();
+    let bake = Setup { patch_count: 800, ..Setup::default() }.bake(&loaded).unwrap();
+    let scene = bake.scene();
+    let mesh = &bake.receivers().interpolation;
+    let tables = scene.tables();
+    let mut dark = Vec::new();
+    for (triangle, grid) in (0u32..).zip(&mesh.grids) {
+        for (first, side) in [(grid.front, 1.0), (grid.back, -1.0)].into_iter().filter(|own| own.0 != NONE) {
+            let cells = &mesh.cells[first as usize..][..(grid.divisions * grid.divisions) as usize];
+            if cells.iter().all(|cell| cell.first == NONE) {
+                continue;
+            }
+            for (k, _) in (0u32..).zip(cells).filter(|(_, cell)| cell.first == NONE) {
+                let (a, b, c) = cell_corners(grid.divisions, k);
+                let middle = (a + b + c) / 3.0;
+                let position = tables.position(triangle, middle.x, middle.y);
+                let normal = side * tables.normal(triangle);
+                // Some of the walls stand in others.
+                if is_open(scene, &SurfacePoint { position, normal, patch: NONE, weight: 1.0 }, 64, k) {
+                    dark.push(position);
+                }
+            }
+        }
+    }
+    assert!(dark.is_empty(), "light comes to {dark:?}");
 }

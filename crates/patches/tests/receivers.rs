@@ -25,7 +25,7 @@ fn sheet(corner: Vec3, a: Vec3, b: Vec3, n: u32) -> Vec<Triangle> {
 }
 
 /// No length for any cell.
-fn nowhere(points: &[scene::SurfacePoint]) -> Result<Vec<Option<f32>>, Error> {
+fn nowhere(points: &[scene::SurfacePoint], _: u32) -> Result<Vec<Option<f32>>, Error> {
     Ok(vec![None; points.len()])
 }
 
@@ -192,11 +192,12 @@ fn cells_without_a_length_have_no_receivers_and_short_lengths_many() {
     assert!(left < fine.points.len() / 5);
     // What has no length may have another.
     let lengths = |p: &scene::SurfacePoint, _: f32| (p.position.x > 0.5).then_some(0.25);
-    let otherwise =
-        |points: &[scene::SurfacePoint]| Ok(points.iter().map(|p| (p.position.z > 0.5).then_some(0.05)).collect());
+    let otherwise = |points: &[scene::SurfacePoint], _: u32| {
+        Ok(points.iter().map(|p| (p.position.z > 0.5).then_some(0.05)).collect())
+    };
     let filled = InterpolationMesh::new(&scene, &Density::default(), &sides, 0.25, 0.01, lengths, otherwise).unwrap();
     // One answer is needed for each cell that asks.
-    let none = |_: &[scene::SurfacePoint]| Ok(Vec::new());
+    let none = |_: &[scene::SurfacePoint], _: u32| Ok(Vec::new());
     let refused = InterpolationMesh::new(&scene, &Density::default(), &sides, 0.25, 0.01, lengths, none);
     assert!(matches!(refused, Err(Error::Shared(transport::Error::Length { name: "lengths", .. }))));
     let few = |set: &InterpolationMesh, z: f32| {
