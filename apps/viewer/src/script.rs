@@ -811,7 +811,7 @@ mod tests {
             screenshot a.png
             quit";
         let script = parse(text).unwrap();
-        assert_eq!(script.commands.len(), 43);
+        assert_eq!(script.commands.len(), 44);
         let radiance = Vec3::new(1.0, 2.0, 3.0);
         let emission = Command::Emission { material: "big lamp".into(), radiance };
         assert!(script.commands.contains(&(22, emission)), "{:?}", script.commands);
