@@ -1,5 +1,6 @@
 //! Operators by what they are of: those that methods ask for, and that bakes keep.
 
+use rayon::ThreadPoolBuilder;
 use runtime::executor::Executor;
 use serde::{Deserialize, Serialize};
 
@@ -78,9 +79,20 @@ impl OperatorKey {
         if let Some(baked) = with.bake.operators.iter().find(|baked| baked.key == self) {
             return Ok(baked.operator.clone());
         }
-        match self {
+        on_own_threads(|| match self {
             Self::Bounces { codec, bounces } => all_bounces_operator(codec, bounces, with, device),
             Self::FormFactors { epsilon } => form_factor_operator(epsilon, with),
-        }
+        })
+    }
+}
+
+/// Works on threads that end with it. Matrix products in AVX-512 leave the upper halves of vector registers in use on
+/// the threads that ran them, and all that these do later takes up to half as long again: in a bake of several levels
+/// everything after the first operator.
+fn on_own_threads<T: Send>(work: impl FnOnce() -> T + Send) -> T {
+    match ThreadPoolBuilder::new().num_threads(rayon::current_num_threads()).build() {
+        Ok(pool) => pool.install(work),
+        // As in a browser.
+        Err(_) => work(),
     }
 }
