@@ -633,23 +633,24 @@ impl Words<'_> {
         Ok(Command::Object(change))
     }
 
-    /// The name of an object may have spaces.
-    fn movement(&self) -> Result<Command, String> {
+    /// Name of an object, which may have spaces, and where the numbers after it begin.
+    fn object_before(&self, numbers: usize, usage: &str) -> Result<(String, usize), String> {
         let words = self.0;
-        if words.len() < 5 {
-            return Err(self.usage("OBJECT X Y Z"));
+        if words.len() < numbers + 2 {
+            return Err(self.usage(usage));
         }
-        let first = words.len() - 3;
-        Ok(Command::Move { object: words[1..first].join(" "), way: self.vector(first)? })
+        let first = words.len() - numbers;
+        Ok((words[1..first].join(" "), first))
+    }
+
+    fn movement(&self) -> Result<Command, String> {
+        let (object, first) = self.object_before(3, "OBJECT X Y Z")?;
+        Ok(Command::Move { object, way: self.vector(first)? })
     }
 
     fn turn(&self) -> Result<Command, String> {
-        let words = self.0;
-        if words.len() < 3 {
-            return Err(self.usage("OBJECT DEGREES"));
-        }
-        let last = words.len() - 1;
-        Ok(Command::Turn { object: words[1..last].join(" "), degrees: self.number(last)? })
+        let (object, last) = self.object_before(1, "OBJECT DEGREES")?;
+        Ok(Command::Turn { object, degrees: self.number(last)? })
     }
 
     fn light(&self) -> Result<Command, String> {
