@@ -1,0 +1,556 @@
+//! From frame to frame: what is there, what is baked, what shines.
+
+use std::collections::{HashMap, HashSet};
+use std::sync::Arc;
+use std::time::Duration;
+
+use bevy::asset::{Assets, Handle, RenderAssetUsages};
+use bevy::camera::visibility::Visibility;
+use bevy::ecs::prelude::*;
+use bevy::ecs::system::SystemParam;
+use bevy::image::{Image, ImageSampler};
+use bevy::light::{AmbientLight, EnvironmentMapLight, GlobalAmbientLight, IrradianceVolume, LightProbe};
+use bevy::log::{info, warn};
+use bevy::mesh::{Mesh as BevyMesh, Mesh3d};
+use bevy::platform::cell::SyncCell;
+use bevy::pbr::{Lightmap, MeshMaterial3d, StandardMaterial};
+use bevy::prelude::{ChildOf, GlobalTransform, Name, Quat, Transform, Vec3};
+use bevy::render::render_resource::{Extent3d, TextureDimension, TextureFormat};
+use bevy::tasks::futures::check_ready;
+use bevy::tasks::{AsyncComputeTaskPool, Task, block_on};
+use patchlight::bake::{Bake, BakeSettings};
+use patchlight::glam::Affine3A;
+use patchlight::{BakeJob, LightSettings, Refinement};
+
+use crate::baked::{PatchlightBake, hash};
+use crate::gather::{MeshParts, Snapshot, affine, parts};
+use crate::layout::Layout;
+use crate::lights::{Lamps, LampsNow, Which};
+use crate::sky::SkyMap;
+use crate::work::{Move, Order, Prepared, ProbeTexels, Texels, Work};
+use crate::{
+    PatchlightMoving, PatchlightSettings, PatchlightStage, PatchlightStatic, PatchlightStatus,
+};
+
+type Outcome = (Box<Work>, Result<Option<Texels>, patchlight::Error>);
+
+/// The work under way.
+#[derive(Resource, Default)]
+pub(crate) struct State {
+    /// True if the meshes that rest may have changed.
+    is_dirty: bool,
+    revision: u32,
+    preparing: Option<(Task<Result<Prepared, String>>, Snapshot)>,
+    lit: Option<Lit>,
+    /// Meshes that are lit.
+    entities: HashSet<Entity>,
+    sky: SkyMap,
+}
+
+/// A scene that is lit.
+struct Lit {
+    snapshot: Snapshot,
+    prepared: Arc<Prepared>,
+    source: Source,
+    /// At rest between updates.
+    work: Option<SyncCell<Box<Work>>>,
+    task: Option<Task<Outcome>>,
+    /// Bake that the work does not have yet.
+    new_bake: Option<(Arc<Bake>, bool)>,
+    last: Option<LampsNow>,
+    lightmap: Handle<Image>,
+    /// The lightmap has light, and the meshes have the lightmap.
+    has_light: bool,
+    is_shown: bool,
+    volume: Option<(Entity, Handle<Image>, [u32; 3])>,
+    moving: HashMap<Entity, Affine3A>,
+    moves: Vec<Move>,
+}
+
+/// Where bakes come from.
+enum Source {
+    Job(BakeJob),
+    /// An asset that is being loaded.
+    Asset(Handle<PatchlightBake>),
+    Done,
+}
+
+/// A mesh with a lightmap, and what it was before.
+#[derive(Component)]
+pub(crate) struct Original {
+    mesh: Handle<BevyMesh>,
+    lit: Handle<BevyMesh>,
+    material: Handle<StandardMaterial>,
+    transform: Affine3A,
+}
+
+type MeshItem = (
+    Entity,
+    &'static Mesh3d,
+    &'static MeshMaterial3d<StandardMaterial>,
+    &'static GlobalTransform,
+    Option<&'static Name>,
+    Option<&'static Original>,
+);
+
+/// The meshes of a world.
+#[derive(SystemParam)]
+pub(crate) struct Meshes<'w, 's> {
+    all: Query<'w, 's, MeshItem, Without<PatchlightMoving>>,
+    marked: Query<'w, 's, (), With<PatchlightStatic>>,
+    parents: Query<'w, 's, &'static ChildOf>,
+    meshes: Res<'w, Assets<BevyMesh>>,
+    materials: Res<'w, Assets<StandardMaterial>>,
+    images: Res<'w, Assets<Image>>,
+}
+
+impl Meshes<'_, '_> {
+    fn is_static(&self, entity: Entity) -> bool {
+        self.marked.contains(entity) || self.parents.iter_ancestors(entity).any(|parent| self.marked.contains(parent))
+    }
+
+    /// What rests; none while some of it is being loaded.
+    fn snapshot(&self) -> Option<Snapshot> {
+        let mut snapshot = Snapshot::default();
+        let mut all: Vec<_> = self.all.iter().filter(|item| self.is_static(item.0)).collect();
+        // The order of a query changes with components.
+        all.sort_by_key(|item| item.0);
+        for (entity, mesh, material, transform, name, original) in all {
+            let handle = original.map_or(&mesh.0, |original| &original.mesh);
+            let own = self.materials.get(&material.0)?;
+            let textures = [&own.base_color_texture, &own.emissive_texture];
+            if textures.into_iter().flatten().any(|texture| self.images.get(texture).is_none()) {
+                return None;
+            }
+            let bevy_mesh = self.meshes.get(handle)?;
+            let Some(number) = snapshot.material(&material.0, own, &self.images) else { continue };
+            let name = name.map_or_else(|| entity.to_string(), |name| name.to_string());
+            snapshot.meshes.extend(parts((entity, name), bevy_mesh, &transform.affine(), (number, own)));
+        }
+        Some(snapshot)
+    }
+}
+
+type ChangedItem =
+    (Entity, &'static Mesh3d, &'static MeshMaterial3d<StandardMaterial>, Option<&'static Original>);
+type CameOrChanged = Or<(Added<PatchlightStatic>, Changed<Mesh3d>, Changed<MeshMaterial3d<StandardMaterial>>)>;
+
+/// Sees that what rests has changed, and begins to prepare it once all of it is there.
+#[expect(clippy::too_many_arguments, reason = "each is a part of the world")]
+pub(crate) fn watch(
+    mut state: ResMut<State>,
+    mut status: ResMut<PatchlightStatus>,
+    settings: Res<PatchlightSettings>,
+    meshes: Meshes,
+    lamps: Lamps,
+    changed: Query<ChangedItem, CameOrChanged>,
+    moved: Query<(&GlobalTransform, &Original), Changed<GlobalTransform>>,
+    mut unmarked: RemovedComponents<PatchlightStatic>,
+    mut gone: RemovedComponents<Original>,
+) {
+    let came = changed.iter().any(|(entity, mesh, material, original)| {
+        let is_same = |original: &Original| original.lit == mesh.0 && original.material == material.0;
+        meshes.is_static(entity) && !original.is_some_and(is_same)
+    });
+    let went = unmarked.read().count() > 0 || gone.read().any(|entity| state.entities.contains(&entity));
+    let elsewhere = moved.iter().any(|(transform, original)| affine(&transform.affine()) != original.transform);
+    if came || went || elsewhere || state.revision != settings.revision {
+        state.revision = settings.revision;
+        state.is_dirty = true;
+        // More may follow in the next frame.
+        if !settings.wait {
+            return;
+        }
+    }
+    if !state.is_dirty || state.preparing.is_some() {
+        return;
+    }
+    let Some(snapshot) = meshes.snapshot() else { return };
+    state.is_dirty = false;
+    if snapshot.meshes.is_empty() {
+        state.lit = None;
+        state.entities.clear();
+        status.stage = PatchlightStage::Waiting;
+        return;
+    }
+    let possible = lamps.now(&snapshot.ids, &mut state.sky, Which::Possible).lighting;
+    let own = snapshot.clone();
+    let texel = settings.texel;
+    let prepare = async move { prepare(&own, possible, texel) };
+    status.stage = PatchlightStage::Preparing;
+    state.preparing = Some((AsyncComputeTaskPool::get().spawn(prepare), snapshot));
+}
+
+fn prepare(snapshot: &Snapshot, lighting: patchlight::Lighting, texel: f32) -> Result<Prepared, String> {
+    let scene = snapshot.scene(lighting).map_err(|error| error.to_string())?;
+    let layout = Layout::new(&scene, snapshot, texel).map_err(|error| {
+        format!("{error}; a larger PatchlightSettings::texel than {texel} m makes a smaller lightmap")
+    })?;
+    let hash = hash(&scene);
+    Ok(Prepared { scene, layout, hash })
+}
+
+/// Begins the bake of a prepared scene and takes bakes as they come; puts the lightmap onto its meshes once there is light in
+/// it.
+#[expect(clippy::too_many_arguments, reason = "each is a part of the world")]
+pub(crate) fn follow(
+    mut commands: Commands,
+    mut state: ResMut<State>,
+    mut status: ResMut<PatchlightStatus>,
+    settings: Res<PatchlightSettings>,
+    mut meshes: ResMut<Assets<BevyMesh>>,
+    mut images: ResMut<Assets<Image>>,
+    bakes: Res<Assets<PatchlightBake>>,
+    entities: Query<(&Mesh3d, &MeshMaterial3d<StandardMaterial>, Option<&Original>)>,
+    originals: Query<(Entity, &Original)>,
+) {
+    if let Some((mut task, snapshot)) = state.preparing.take() {
+        let done = if settings.wait { Some(block_on(&mut task)) } else { check_ready(&mut task) };
+        match done {
+            None => state.preparing = Some((task, snapshot)),
+            Some(Err(error)) => fail(&mut status, &error),
+            Some(Ok(prepared)) => {
+                let lightmap = images.add(lightmap_image(prepared.layout.size()));
+                status.lightmap_size = prepared.layout.size();
+                let volume = state.lit.take().and_then(|before| before.volume);
+                match Lit::new(snapshot, prepared, lightmap, &settings) {
+                    Ok(lit) => state.lit = Some(Lit { volume, ..lit }),
+                    Err(error) => fail(&mut status, &error.to_string()),
+                }
+            }
+        }
+    }
+    let State { lit, entities: shown, .. } = &mut *state;
+    if lit.is_none() && shown.is_empty() {
+        remove_lightmaps(&mut commands, shown, &originals);
+    }
+    let Some(lit) = lit else { return };
+    if lit.has_light && !lit.is_shown {
+        lit.is_shown = true;
+        *shown = lit.snapshot.meshes.iter().map(|mesh| mesh.entity).collect();
+        remove_lightmaps(&mut commands, shown, &originals);
+        for (number, own) in lit.snapshot.meshes.iter().enumerate() {
+            let Ok((mesh, material, original)) = entities.get(own.entity) else { continue };
+            let before = original.map_or(&mesh.0, |original| &original.mesh).clone();
+            let Some(new) = meshes.get(&before).map(|mesh| lit.prepared.layout.lit_mesh(number, mesh)) else {
+                continue;
+            };
+            let new = meshes.add(new);
+            commands.entity(own.entity).insert((
+                Mesh3d(new.clone()),
+                Lightmap { image: lit.lightmap.clone(), ..Lightmap::default() },
+                Original { mesh: before, lit: new, material: material.0.clone(), transform: own.transform },
+            ));
+        }
+    }
+    if let Err(error) = lit.take_bake(&bakes, &settings) {
+        fail(&mut status, &error.to_string());
+        state.lit = None;
+        return;
+    }
+    if let Some((bake, _)) = &lit.new_bake {
+        status.patches = bake.mesh().patches.len();
+        status.bake = Some((Arc::clone(bake), lit.prepared.hash));
+    }
+}
+
+fn fail(status: &mut PatchlightStatus, reason: &str) {
+    warn!("Patchlight has no light: {reason}");
+    status.stage = PatchlightStage::Failed(reason.into());
+}
+
+/// Gives meshes that are not among these back what they were.
+fn remove_lightmaps(commands: &mut Commands, lit: &HashSet<Entity>, originals: &Query<(Entity, &Original)>) {
+    for (entity, original) in originals {
+        if !lit.contains(&entity) {
+            let mesh = Mesh3d(original.mesh.clone());
+            commands.entity(entity).remove::<(Lightmap, Original)>().insert(mesh);
+        }
+    }
+}
+
+fn lightmap_image((width, height): (u32, u32)) -> Image {
+    let size = Extent3d { width, height, depth_or_array_layers: 1 };
+    let mut image = Image::new_fill(
+        size,
+        TextureDimension::D2,
+        &[0; 8],
+        TextureFormat::Rgba16Float,
+        RenderAssetUsages::RENDER_WORLD,
+    );
+    image.sampler = ImageSampler::linear();
+    image
+}
+
+impl Lit {
+    fn new(
+        snapshot: Snapshot,
+        prepared: Prepared,
+        lightmap: Handle<Image>,
+        settings: &PatchlightSettings,
+    ) -> Result<Self, patchlight::Error> {
+        let prepared = Arc::new(prepared);
+        let source = match &settings.bake {
+            Some(handle) => Source::Asset(handle.clone()),
+            None => Source::Job(begin(&prepared, settings)?),
+        };
+        let light = LightSettings::default().with_method(settings.method.clone());
+        let work = Work::new(Arc::clone(&prepared), light, settings.probe_count);
+        Ok(Self {
+            snapshot,
+            prepared,
+            source,
+            work: Some(SyncCell::new(Box::new(work))),
+            task: None,
+            new_bake: None,
+            last: None,
+            lightmap,
+            has_light: false,
+            is_shown: false,
+            volume: None,
+            moving: HashMap::new(),
+            moves: Vec::new(),
+        })
+    }
+
+    /// Takes a bake that has come.
+    fn take_bake(
+        &mut self,
+        bakes: &Assets<PatchlightBake>,
+        settings: &PatchlightSettings,
+    ) -> Result<(), patchlight::Error> {
+        if let Source::Asset(handle) = &self.source
+            && let Some(own) = bakes.get(handle)
+        {
+            if own.scene_hash == self.prepared.hash {
+                self.new_bake = Some((Arc::clone(&own.bake), true));
+                self.source = Source::Done;
+            } else {
+                warn!("the bake is of another scene, or of this before it was changed; Patchlight bakes anew");
+                self.source = Source::Job(begin(&self.prepared, settings)?);
+            }
+        }
+        match std::mem::replace(&mut self.source, Source::Done) {
+            Source::Job(job) if settings.wait || job.is_finished() => {
+                self.new_bake = Some((job.join()?, true));
+            }
+            Source::Job(job) => {
+                if let Some(bake) = job.take_newest() {
+                    self.new_bake = Some((bake, false));
+                }
+                self.source = Source::Job(job);
+            }
+            other => self.source = other,
+        }
+        Ok(())
+    }
+
+    fn stage(&self, has_light: bool) -> PatchlightStage {
+        match &self.source {
+            _ if !has_light => PatchlightStage::Preparing,
+            Source::Job(job) => PatchlightStage::Refining(job.progress().share),
+            _ => PatchlightStage::Finished,
+        }
+    }
+}
+
+/// Begins the bake of a scene.
+fn begin(prepared: &Prepared, settings: &PatchlightSettings) -> Result<BakeJob, patchlight::Error> {
+    let bake = BakeSettings::default()
+        .with_patch_count(settings.patch_count)
+        .with_receiver_density(settings.receiver_density);
+    let refinement = Refinement::default().with_methods(vec![settings.method.clone()]);
+    Bake::refine(&prepared.scene, &bake, refinement)
+}
+
+type MovingItem = (
+    Entity,
+    &'static Mesh3d,
+    &'static MeshMaterial3d<StandardMaterial>,
+    &'static GlobalTransform,
+    Option<&'static Name>,
+);
+
+/// What moves, and what its light is written to.
+#[derive(SystemParam)]
+pub(crate) struct Moving<'w, 's> {
+    all: Query<'w, 's, MovingItem, With<PatchlightMoving>>,
+    meshes: Res<'w, Assets<BevyMesh>>,
+    materials: Res<'w, Assets<StandardMaterial>>,
+}
+
+impl Moving<'_, '_> {
+    /// Changes since the last update.
+    fn changes(&self, lit: &mut Lit) {
+        for (entity, mesh, material, transform, name) in &self.all {
+            let place = affine(&transform.affine());
+            match lit.moving.get_mut(&entity) {
+                Some(before) if *before == place => {}
+                Some(before) => {
+                    *before = place;
+                    // Between two updates the last place counts.
+                    lit.moves.retain(|change| !matches!(change, Move::Place(other, _) if *other == entity));
+                    lit.moves.push(Move::Place(entity, place));
+                }
+                None => {
+                    let (Some(own), Some(mesh)) = (self.materials.get(&material.0), self.meshes.get(&mesh.0)) else {
+                        continue;
+                    };
+                    let number = lit.snapshot.nearest(&material.0, own);
+                    let name = name.map_or_else(|| entity.to_string(), |name| name.to_string());
+                    let found = parts((entity, name), mesh, &transform.affine(), (number, own));
+                    lit.moving.insert(entity, place);
+                    lit.moves.extend(found.map(|parts: MeshParts| Move::Insert(entity, Arc::new(parts), place)));
+                }
+            }
+        }
+        let gone: Vec<Entity> = lit.moving.keys().copied().filter(|&entity| !self.all.contains(entity)).collect();
+        for entity in gone {
+            lit.moving.remove(&entity);
+            lit.moves.push(Move::Remove(entity));
+        }
+    }
+}
+
+/// Finds the light of the lights as they are, beside the frames, and writes it to the textures.
+pub(crate) fn light(
+    mut commands: Commands,
+    mut state: ResMut<State>,
+    mut status: ResMut<PatchlightStatus>,
+    settings: Res<PatchlightSettings>,
+    moving: Moving,
+    mut lamps: ParamSet<(Lamps, ResMut<Assets<Image>>, Skies)>,
+) {
+    let State { lit, sky, .. } = &mut *state;
+    let Some(lit) = lit else { return };
+    let now = lamps.p0().now(&lit.snapshot.ids, sky, Which::Shining);
+    moving.changes(lit);
+    if let Some(mut task) = lit.task.take() {
+        match check_ready(&mut task) {
+            None => lit.task = Some(task),
+            Some(outcome) => finish(lit, outcome, &mut commands, &mut lamps.p1(), &mut status),
+        }
+    }
+    let is_new = lit.new_bake.is_some() || !lit.moves.is_empty() || lit.last.as_ref() != Some(&now);
+    let has_bake = lit.new_bake.is_some() || lit.last.is_some();
+    if is_new && has_bake && let Some(work) = lit.work.take() {
+        let mut work = SyncCell::to_inner(work);
+        let moves = std::mem::take(&mut lit.moves);
+        let order = Order { bake: lit.new_bake.take(), lamps: now.clone(), moves };
+        lit.last = Some(now);
+        if settings.wait {
+            let outcome = work.run(&order);
+            finish(lit, (work, outcome), &mut commands, &mut lamps.p1(), &mut status);
+        } else {
+            lit.task = Some(AsyncComputeTaskPool::get().spawn(async move {
+                let outcome = work.run(&order);
+                (work, outcome)
+            }));
+        }
+    }
+    if status.updates > 0 {
+        lamps.p2().leave_to_lightmaps();
+    }
+    if !matches!(status.stage, PatchlightStage::Failed(_)) {
+        let stage = lit.stage(status.updates > 0);
+        if status.stage != stage {
+            if stage == PatchlightStage::Finished {
+                info!("Patchlight has baked {} patches", status.patches);
+            }
+            status.stage = stage;
+        }
+    }
+}
+
+/// Light from all round.
+#[derive(SystemParam)]
+pub(crate) struct Skies<'w, 's> {
+    global: ResMut<'w, GlobalAmbientLight>,
+    ambients: Query<'w, 's, &'static mut AmbientLight>,
+    environments: Query<'w, 's, &'static mut EnvironmentMapLight>,
+}
+
+impl Skies<'_, '_> {
+    /// It is part of the lightmaps: Bevy adds it to no mesh that has one.
+    fn leave_to_lightmaps(&mut self) {
+        if self.global.affects_lightmapped_meshes {
+            self.global.affects_lightmapped_meshes = false;
+        }
+        for mut ambient in self.ambients.iter_mut().filter(|ambient| ambient.affects_lightmapped_meshes) {
+            ambient.affects_lightmapped_meshes = false;
+        }
+        let environments = self.environments.iter_mut();
+        for mut environment in environments.filter(|environment| environment.affects_lightmapped_mesh_diffuse) {
+            environment.affects_lightmapped_mesh_diffuse = false;
+        }
+    }
+}
+
+/// Takes the outcome of an update.
+fn finish(
+    lit: &mut Lit,
+    (work, outcome): Outcome,
+    commands: &mut Commands,
+    images: &mut Assets<Image>,
+    status: &mut PatchlightStatus,
+) {
+    lit.work = Some(SyncCell::new(work));
+    let texels = match outcome {
+        Ok(Some(texels)) => texels,
+        Ok(None) => return,
+        Err(error) => {
+            fail(status, &error.to_string());
+            lit.work = None;
+            return;
+        }
+    };
+    texels.warnings.iter().for_each(|warning| warn!("Patchlight: {warning}"));
+    lit.has_light = true;
+    if let Some(mut image) = images.get_mut(&lit.lightmap) {
+        image.data = Some(texels.lightmap);
+    }
+    match texels.probes {
+        Some(probes) => show_probes(lit, probes, commands, images),
+        None => {
+            if let Some((entity, ..)) = lit.volume.take() {
+                commands.entity(entity).despawn();
+            }
+        }
+    }
+    status.updates += 1;
+    status.update_time = Duration::from_secs_f32(texels.seconds.0);
+    status.work_time = Duration::from_secs_f32(texels.seconds.1);
+}
+
+/// Writes an irradiance volume, and makes it where there is none.
+fn show_probes(lit: &mut Lit, probes: ProbeTexels, commands: &mut Commands, images: &mut Assets<Image>) {
+    if let Some((entity, handle, size)) = &lit.volume {
+        if *size == probes.size
+            && let Some(mut image) = images.get_mut(handle)
+        {
+            image.data = Some(probes.bytes);
+            return;
+        }
+        commands.entity(*entity).despawn();
+    }
+    let [width, height, depth_or_array_layers] = probes.size;
+    let size = Extent3d { width, height, depth_or_array_layers };
+    let mut image = Image::new(
+        size,
+        TextureDimension::D3,
+        probes.bytes,
+        TextureFormat::Rgba16Float,
+        RenderAssetUsages::RENDER_WORLD,
+    );
+    image.sampler = ImageSampler::linear();
+    let voxels = images.add(image);
+    let vector = |v: patchlight::glam::Vec3| Vec3::from_array(v.to_array());
+    let transform = Transform {
+        translation: vector(probes.middle),
+        rotation: Quat::IDENTITY,
+        scale: vector(probes.extent),
+    };
+    let volume = IrradianceVolume { voxels: voxels.clone(), intensity: 1.0, affects_lightmapped_meshes: false };
+    let entity = commands.spawn((LightProbe::new(), volume, transform, Visibility::Visible)).id();
+    lit.volume = Some((entity, voxels, probes.size));
+}
