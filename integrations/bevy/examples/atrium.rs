@@ -111,14 +111,14 @@ fn panel(mut commands: Commands) {
             .spawn((Slider, Button, RelativeCursorPosition::default(), bar, BackgroundColor(Color::srgb(0.2, 0.22, 0.26))))
             .with_children(|bar| {
                 let knob = Node { width: percent(4), height: percent(100), position_type: PositionType::Absolute, ..default() };
-                bar.spawn((Knob, knob, BackgroundColor(Color::srgb(0.96, 0.8, 0.45)), Pickable::IGNORE));
+                bar.spawn((Knob, knob, BackgroundColor(Color::srgb(0.96, 0.8, 0.45))));
             });
         for (switch, label) in [(Switch::Lamp, "Lamp [L]"), (Switch::Door, "Door [O]")] {
             let node = Node { padding: UiRect::axes(px(10), px(6)), ..default() };
             panel
                 .spawn((switch, Button, node, BackgroundColor(Color::srgb(0.2, 0.22, 0.26))))
                 .with_children(|button| {
-                    button.spawn((Text::new(label), font(), Pickable::IGNORE));
+                    button.spawn((Text::new(label), font()));
                 });
         }
     });

@@ -164,7 +164,10 @@ impl Snapshot {
         }
         let bytes = images.get(handle).and_then(|image| {
             let own = image.convert(TextureFormat::Rgba8UnormSrgb)?;
-            Some(((own.width(), own.height()), tinted(own.data?, color)))
+            let (size, mut texels) = ((own.width(), own.height()), own.data?);
+            // Coarser levels follow.
+            texels.truncate(4 * size.0 as usize * size.1 as usize);
+            Some((size, tinted(texels, color)))
         });
         if bytes.is_none() {
             warn!(

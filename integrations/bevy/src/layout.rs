@@ -30,6 +30,9 @@ const BLOCK: usize = 1 << 16;
 #[derive(Debug)]
 pub(crate) struct Layout {
     texels: LightmapTexels,
+    /// The receiver of each texel; of those between charts, that of the nearest: drawing reaches beyond the edges of
+    /// triangles that are seen at a slant.
+    receivers: Vec<u32>,
     /// Texture coordinates of the corners of each mesh, three for each of its triangles.
     uvs: Vec<Vec<[f32; 2]>>,
 }
@@ -42,10 +45,11 @@ impl Layout {
     pub fn new(scene: &Scene, snapshot: &Snapshot, texel: f32) -> Result<Self, patches::Error> {
         let lit = find_sides(scene, SidePolicy::Lit);
         let triangles = &scene.geometry.triangles;
-        // A mesh has one place for a triangle: that of its front, unless only its back is lit.
+        // A mesh has one place for a triangle: that of its front, unless only its back is lit. A front that no surface sees may
+        // see the sky.
         let side = |(triangle, lit): (&patchlight::scene::gpu::Triangle, Sides)| {
             let is_back = snapshot.meshes[triangle.object as usize].is_two_sided && lit.back && !lit.front;
-            Sides { front: lit.front, back: is_back }
+            Sides { front: !is_back, back: is_back }
         };
         let sides: Vec<Sides> = triangles.iter().zip(lit).map(side).collect();
         let is_lit = |point: &SurfacePoint| {
@@ -54,7 +58,8 @@ impl Layout {
         };
         let texels = LightmapTexels::new(scene, &sides, texel, &is_lit)?;
         let uvs = corner_uvs(scene, snapshot, &sides, &texels);
-        Ok(Self { texels, uvs })
+        let receivers = filled(&texels);
+        Ok(Self { texels, receivers, uvs })
     }
 
     /// Texels of a row, and rows.
@@ -80,12 +85,33 @@ impl Layout {
     /// Irradiance at the points as texels of a picture: radiance of a white surface, `E / π`.
     pub fn picture(&self, values: &[Vec3]) -> Vec<u8> {
         let texel = |&receiver: &u32| values.get(receiver as usize).map_or([f16::ZERO; 4], |value| half_texel(*value));
-        let texels = self.texels.texels.par_iter().map(texel);
+        let texels = self.receivers.par_iter().map(texel);
         let mut bytes: Vec<u8> = texels.flat_map_iter(|texel| texel.into_iter().flat_map(f16::to_le_bytes)).collect();
         let (width, height) = self.size();
         bytes.resize(8 * width as usize * height as usize, 0);
         bytes
     }
+}
+
+/// The receivers of all texels: empty ones take that of the nearest.
+fn filled(texels: &LightmapTexels) -> Vec<u32> {
+    let width = texels.params.width as usize;
+    let mut all = texels.texels.clone();
+    let mut queue: VecDeque<usize> = (0..all.len()).filter(|&texel| all[texel] != NONE).collect();
+    while let Some(texel) = queue.pop_front() {
+        for next in beside(texel, width) {
+            if all.get(next) == Some(&NONE) {
+                all[next] = all[texel];
+                queue.push_back(next);
+            }
+        }
+    }
+    all
+}
+
+/// The four texels beside one; some may lie beyond the picture, or at the other end of a row.
+fn beside(texel: usize, width: usize) -> [usize; 4] {
+    [texel.wrapping_sub(1), texel + 1, texel.wrapping_sub(width), texel + width]
 }
 
 /// Radiance of a white surface with this irradiance, as a texel.
@@ -177,8 +203,7 @@ fn spread(texels: &LightmapTexels, has_light: &[bool]) -> Vec<u32> {
     let mut queue: VecDeque<usize> = (0..texels.texels.len()).filter(lit).collect();
     while let Some(texel) = queue.pop_front() {
         let own = from[receiver(texel) as usize];
-        let beside = [texel.wrapping_sub(1), texel + 1, texel.wrapping_sub(width), texel + width];
-        for next in beside {
+        for next in beside(texel, width) {
             if let Some(place) = from.get_mut(receiver(next) as usize)
                 && *place == NONE
             {

@@ -240,6 +240,14 @@ class LightField {
   std::vector<float> points(std::uint32_t set, std::size_t numbers) {
     return read(numbers, [&](float* out, std::size_t count) { return pl_field_points(get(), set, out, count); });
   }
+  // A closed mesh that moves; of a transform three rows of four numbers.
+  std::uint32_t add_object(const PlMesh& mesh, const float* transform = nullptr) {
+    std::uint32_t object = 0;
+    check(pl_field_add_object(get(), &mesh, transform, &object));
+    return object;
+  }
+  void move_object(std::uint32_t object, const float* transform) { check(pl_field_move_object(get(), object, transform)); }
+  void remove_object(std::uint32_t object) { check(pl_field_remove_object(get(), object)); }
   // RGB of each pixel, row by row.
   std::vector<float> picture(const PlCamera& camera, std::uint32_t width, std::uint32_t height, std::uint32_t sub_frames = 16) {
     return read(std::size_t{3} * width * height, [&](float* out, std::size_t count) {

@@ -106,6 +106,7 @@ pub struct PlField {
     pub(crate) lighting: Lighting,
     sets: Vec<Option<(PointSet, usize)>>,
     lightmap: Option<LightmapTexels>,
+    pub(crate) objects: Vec<Option<ObjectId>>,
 }
 
 impl Default for PlFieldSettings {
@@ -148,7 +149,7 @@ impl PlField {
         let lighting = bake.scene().lighting.clone();
         let pictures = PictureSettings::default().with_size((8, 8)).with_sub_frames(1);
         let renderer = PictureRenderer::of_bake(bake, executor, &settings.settings()?, &pictures, &Silent)?;
-        Ok(Self { renderer, lighting, sets: Vec::new(), lightmap: None })
+        Ok(Self { renderer, lighting, sets: Vec::new(), lightmap: None, objects: Vec::new() })
     }
 
     fn set(&self, set: u32) -> Outcome<(PointSet, usize)> {

@@ -5,6 +5,7 @@
 mod bake;
 mod border;
 mod field;
+mod objects;
 mod scene;
 #[cfg(feature = "vulkan")]
 mod vulkan;
@@ -12,6 +13,7 @@ mod vulkan;
 pub use bake::*;
 pub use border::{PlStatus, pl_last_error, pl_version};
 pub use field::*;
+pub use objects::*;
 pub use scene::*;
 #[cfg(feature = "vulkan")]
 pub use vulkan::*;

@@ -181,6 +181,39 @@ impl PlLight {
     }
 }
 
+impl PlMesh {
+    /// The library's mesh, of the material with this number in a scene.
+    ///
+    /// # Safety
+    /// Pointers are what they say, as long as the mesh is used.
+    pub(crate) unsafe fn mesh<'a>(&self) -> Outcome<Mesh<'a>> {
+        let count = self.vertex_count;
+        // SAFETY: as the caller promises.
+        let name = if self.name.is_null() { "" } else { unsafe { text(self.name, "name of a mesh") }? };
+        let triples = |first: *const f32, name: &str| {
+            let count = if first.is_null() && name == "normals" { 0 } else { count };
+            // SAFETY: as the caller promises.
+            unsafe { table(first.cast::<[f32; 3]>(), count, name) }
+        };
+        let positions: &[Vec3] = bytemuck::cast_slice(triples(self.positions, "positions")?);
+        let normals: &[Vec3] = bytemuck::cast_slice(triples(self.normals, "normals")?);
+        let index_count = if self.indices.is_null() { 0 } else { self.index_count };
+        // SAFETY: as the caller promises.
+        let indices = unsafe { table(self.indices, index_count, "indices") }?;
+        let uv_count = if self.uvs.is_null() { 0 } else { count };
+        // SAFETY: as the caller promises.
+        let uvs: &[Vec2] = bytemuck::cast_slice(unsafe { table(self.uvs.cast::<[f32; 2]>(), uv_count, "uvs") }?);
+        let transform = if self.transform.is_null() {
+            Affine3A::IDENTITY
+        } else {
+            // SAFETY: as the caller promises.
+            transform_of(unsafe { table(self.transform, 12, "transform") }?)
+        };
+        let material = MaterialId::of_scene(self.material as usize);
+        Ok(Mesh { name, positions, indices, normals, uvs, material, transform })
+    }
+}
+
 /// Fills a structure with its size and defaults: a point of 1 W/sr.
 ///
 /// # Safety
@@ -297,32 +330,11 @@ pub unsafe extern "C" fn pl_builder_add_mesh(
         let builder = unsafe { handle(builder, "builder") }?;
         // SAFETY: as the caller promises.
         let own = unsafe { structure(mesh, PlMesh::default()) }?;
-        let count = own.vertex_count;
         // SAFETY: as the caller promises.
-        let name = if own.name.is_null() { "" } else { unsafe { text(own.name, "name of a mesh") }? };
-        let triples = |first: *const f32, name: &str| {
-            let count = if first.is_null() && name == "normals" { 0 } else { count };
-            // SAFETY: as the caller promises.
-            unsafe { table(first.cast::<[f32; 3]>(), count, name) }
-        };
-        let positions: &[Vec3] = bytemuck::cast_slice(triples(own.positions, "positions")?);
-        let normals: &[Vec3] = bytemuck::cast_slice(triples(own.normals, "normals")?);
-        // SAFETY: as the caller promises.
-        let indices =
-            unsafe { table(own.indices, if own.indices.is_null() { 0 } else { own.index_count }, "indices") }?;
-        let uv_count = if own.uvs.is_null() { 0 } else { count };
-        // SAFETY: as the caller promises.
-        let uvs: &[Vec2] = bytemuck::cast_slice(unsafe { table(own.uvs.cast::<[f32; 2]>(), uv_count, "uvs") }?);
+        let mesh = unsafe { own.mesh() }?;
         let material = builder.1.get(own.material as usize).copied();
-        let material =
-            material.ok_or_else(|| input(format!("mesh `{name}`: material {} is not of this scene", own.material)))?;
-        let transform = if own.transform.is_null() {
-            Affine3A::IDENTITY
-        } else {
-            // SAFETY: as the caller promises.
-            transform_of(unsafe { table(own.transform, 12, "transform") }?)
-        };
-        let id = builder.0.add_mesh(Mesh { name, positions, indices, normals, uvs, material, transform });
+        let unknown = || input(format!("mesh `{}`: material {} is not of this scene", mesh.name, own.material));
+        let id = builder.0.add_mesh(Mesh { material: material.ok_or_else(unknown)?, ..mesh });
         if !out_object.is_null() {
             // SAFETY: as the caller promises.
             unsafe { room(out_object, 1, "out_object") }?[0] = id.object();
@@ -332,7 +344,7 @@ pub unsafe extern "C" fn pl_builder_add_mesh(
 }
 
 /// Three rows of four numbers as a transform.
-fn transform_of(rows: &[f32]) -> Affine3A {
+pub(crate) fn transform_of(rows: &[f32]) -> Affine3A {
     let column = |k: usize| Vec3::new(rows[k], rows[4 + k], rows[8 + k]);
     Affine3A::from_mat3_translation(Mat3::from_cols(column(0), column(1), column(2)), column(3))
 }

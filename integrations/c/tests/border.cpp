@@ -206,6 +206,43 @@ void fields() {
   EXPECT(sum > 0 && std::isfinite(sum));
 }
 
+// A board that moves between the floor and the ceiling takes light away from points, and gives it back when it goes.
+void objects() {
+  const auto scene = box();
+  const patchlight::Bake bake(scene, small());
+  patchlight::LightField field(bake);
+  field.update();
+  const auto open = field.surface(bake.counts().points);
+  const float corners[4][3] = {{0, 0, 0}, {0.8f, 0, 0}, {0.4f, 0, 0.8f}, {0.4f, 0.1f, 0.4f}};
+  const std::uint32_t indices[12] = {0, 1, 2, 0, 3, 1, 1, 3, 2, 2, 3, 0};
+  PlMesh mesh;
+  pl_mesh_default(&mesh);
+  mesh.name = "board";
+  mesh.positions = corners[0];
+  mesh.vertex_count = 4;
+  mesh.indices = indices;
+  mesh.index_count = 12;
+  float place[12] = {1, 0, 0, 0.1f, 0, 1, 0, 0.3f, 0, 0, 1, 0.1f};
+  const auto object = field.add_object(mesh, place);
+  field.update();
+  const auto covered = field.surface(bake.counts().points);
+  place[7] = 0.7f;
+  field.move_object(object, place);
+  field.update();
+  const auto moved = field.surface(bake.counts().points);
+  EXPECT(covered != open && moved != covered);
+  place[0] = std::nanf("");
+  EXPECT(pl_field_move_object(field.get(), object, place) == PL_INPUT);
+  mesh.material = 99;
+  std::uint32_t none = 0;
+  EXPECT(pl_field_add_object(field.get(), &mesh, nullptr, &none) == PL_INPUT && says("material"));
+  EXPECT(pl_field_add_object(field.get(), nullptr, nullptr, nullptr) == PL_INPUT && says("out_object"));
+  field.remove_object(object);
+  field.update();
+  EXPECT(field.surface(bake.counts().points) == open);
+  EXPECT(pl_field_remove_object(field.get(), object) == PL_INPUT && says("object 0 is not of this field"));
+}
+
 // Different handles on different threads, and messages of each thread's own.
 void threads() {
   const auto scene = box();
@@ -231,6 +268,7 @@ int main() try {
   versions();
   bakes();
   fields();
+  objects();
   threads();
   std::printf("%d failures\n", failures);
   return failures == 0 ? 0 : 1;

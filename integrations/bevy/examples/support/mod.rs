@@ -87,17 +87,20 @@ pub fn spawn_meshes(
     }
 }
 
-/// The finest level of a texture.
+/// A texture with its coarser levels.
 fn texture(own: &OwnTexture, texels: &[u32]) -> Image {
-    let bytes = (0..own.width * own.height).flat_map(|k| {
+    let level = |k: u32| (own.width >> k).max(1) * (own.height >> k).max(1);
+    let bytes = (0..(0..own.levels).map(level).sum()).flat_map(|k| {
         let color = texel(texels, own.offset + k);
         let srgb = |x: f32| (encode_srgb(x.clamp(0.0, 1.0)) * 255.0 + 0.5) as u8;
         [srgb(color.x), srgb(color.y), srgb(color.z), (color.w * 255.0 + 0.5) as u8]
     });
     let size = Extent3d { width: own.width, height: own.height, depth_or_array_layers: 1 };
     let format = TextureFormat::Rgba8UnormSrgb;
-    let mut image = Image::new(size, TextureDimension::D2, bytes.collect(), format, RenderAssetUsages::default());
-    let mut sampler = ImageSamplerDescriptor::linear();
+    let mut image = Image::new_fill(size, TextureDimension::D2, &[0; 4], format, RenderAssetUsages::default());
+    image.data = Some(bytes.collect());
+    image.texture_descriptor.mip_level_count = own.levels;
+    let mut sampler = ImageSamplerDescriptor { anisotropy_clamp: 8, ..ImageSamplerDescriptor::linear() };
     sampler.set_address_mode(ImageAddressMode::Repeat);
     image.sampler = ImageSampler::Descriptor(sampler);
     image

@@ -6,8 +6,10 @@ use bevy::camera::RenderTarget;
 use bevy::core_pipeline::tonemapping::Tonemapping;
 use bevy::log::LogPlugin;
 use bevy::prelude::*;
+use bevy::render::RenderPlugin;
 use bevy::render::gpu_readback::{Readback, ReadbackComplete};
 use bevy::render::render_resource::{TextureFormat, TextureUsages};
+use bevy::render::settings::{InstanceFlags, WgpuSettings};
 use bevy::window::ExitCondition;
 use bevy::winit::WinitPlugin;
 use bevy_patchlight::{PatchlightPlugin, PatchlightSettings};
@@ -15,12 +17,19 @@ use half::f16;
 
 /// An app that draws without a window, and waits for its light.
 pub fn headless(settings: PatchlightSettings) -> App {
+    headless_in(settings, std::path::Path::new("assets"))
+}
+
+/// The same with assets in a folder.
+pub fn headless_in(settings: PatchlightSettings, assets: &std::path::Path) -> App {
     let mut app = App::new();
     let window = WindowPlugin { primary_window: None, exit_condition: ExitCondition::DontExit, ..default() };
-    app.add_plugins((
-        DefaultPlugins.set(window).disable::<WinitPlugin>().disable::<LogPlugin>(),
-        PatchlightPlugin,
-    ));
+    let renderer = WgpuSettings { instance_flags: InstanceFlags::VALIDATION, ..WgpuSettings::default() };
+    let renderer =
+        RenderPlugin { render_creation: renderer.into(), synchronous_pipeline_compilation: true, ..default() };
+    let files = AssetPlugin { file_path: assets.to_string_lossy().into_owned(), ..default() };
+    let own = DefaultPlugins.set(window).set(renderer).set(files).disable::<WinitPlugin>().disable::<LogPlugin>();
+    app.add_plugins((own, PatchlightPlugin));
     app.insert_resource(settings);
     app.insert_resource(ClearColor(Color::BLACK));
     app.insert_resource(bevy::light::GlobalAmbientLight { brightness: 0.0, ..default() });
@@ -34,7 +43,6 @@ pub fn headless(settings: PatchlightSettings) -> App {
 pub struct Shot {
     size: UVec2,
     target: Handle<Image>,
-    pub camera: Entity,
 }
 
 impl Shot {
@@ -44,8 +52,8 @@ impl Shot {
         image.texture_descriptor.usage |= TextureUsages::COPY_SRC;
         let target = app.world_mut().resource_mut::<Assets<Image>>().add(image);
         let own = (RenderTarget::Image(target.clone().into()), bevy::camera::Hdr, Tonemapping::None, Msaa::Sample4);
-        let camera = app.world_mut().spawn((camera, own)).id();
-        Self { size, target, camera }
+        app.world_mut().spawn((camera, own));
+        Self { size, target }
     }
 
     /// The picture after so many frames, linear, row by row.
@@ -68,14 +76,15 @@ impl Shot {
         }
         app.world_mut().entity_mut(reader).despawn();
         let data: Vec<u8> = data.expect("the picture comes back within 50 frames");
-        let halves: Vec<f32> =
-            data.chunks_exact(2).map(|bytes| f16::from_le_bytes([bytes[0], bytes[1]]).to_f32()).collect();
-        assert_eq!(halves.len(), 4 * (self.size.x * self.size.y) as usize);
-        halves.chunks_exact(4).map(Vec3::from_slice).collect()
+        // Rows may be padded.
+        let rows = data.chunks_exact(data.len() / self.size.y as usize);
+        let pixels = rows.flat_map(|row| &row[..8 * self.size.x as usize]).copied().collect::<Vec<u8>>();
+        let half = |bytes: &[u8]| f16::from_le_bytes([bytes[0], bytes[1]]).to_f32();
+        pixels.chunks_exact(8).map(|pixel| Vec3::new(half(pixel), half(&pixel[2..]), half(&pixel[4..]))).collect()
     }
 }
 
-/// Messages of the graphics driver's validation and of Bevy's renderer from now on: warnings and errors.
+/// Warnings and errors of the graphics driver's validation, of `wgpu` and of the plugin from now on.
 pub fn messages() -> Arc<Mutex<Vec<String>>> {
     use bevy::log::tracing_subscriber::layer::{Context, Layer, SubscriberExt as _};
     use bevy::log::tracing_subscriber::util::SubscriberInitExt as _;
@@ -84,7 +93,9 @@ pub fn messages() -> Arc<Mutex<Vec<String>>> {
     struct Kept(Arc<Mutex<Vec<String>>>);
     impl<S: bevy::log::tracing::Subscriber> Layer<S> for Kept {
         fn on_event(&self, event: &bevy::log::tracing::Event<'_>, _: Context<'_, S>) {
-            if *event.metadata().level() <= bevy::log::tracing::Level::WARN {
+            let target = event.metadata().target();
+            let is_asked = ["wgpu", "naga", "bevy_patchlight"].iter().any(|own| target.starts_with(own));
+            if is_asked && *event.metadata().level() <= bevy::log::tracing::Level::WARN {
                 self.0.lock().unwrap().push(format!("{event:?}"));
             }
         }
