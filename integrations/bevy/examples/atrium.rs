@@ -4,7 +4,9 @@ mod support;
 
 use std::time::Duration;
 
+use bevy::camera::Exposure;
 use bevy::camera_controller::free_camera::{FreeCamera, FreeCameraPlugin};
+use bevy::core_pipeline::tonemapping::Tonemapping;
 use bevy::light::GlobalAmbientLight;
 use bevy::prelude::*;
 use bevy::ui::RelativeCursorPosition;
@@ -13,6 +15,8 @@ use bevy_patchlight::{PatchlightMoving, PatchlightPlugin, PatchlightSettings, Pa
 /// Sunlight at noon, lx, and the sky, cd/m².
 const SUN: f32 = 80_000.0;
 const SKY: f32 = 3_000.0;
+/// Hinge of the door, between the court and a gallery, m.
+const HINGE: Vec3 = Vec3::new(11.4, 0.0, 3.1);
 /// Frames whose time is told together.
 const SMOOTH: f32 = 0.05;
 
@@ -75,19 +79,26 @@ fn setup(
     ));
     commands.spawn((
         Lamp,
-        PointLight { color: Color::srgb(1.0, 0.75, 0.5), intensity: 0.0, range: 60.0, shadow_maps_enabled: true, ..default() },
-        Transform::from_xyz(0.0, 2.4, 0.0),
+        PointLight {
+            color: Color::srgb(1.0, 0.75, 0.5),
+            intensity: 0.0,
+            range: 60.0,
+            shadow_maps_enabled: true,
+            ..default()
+        },
+        Transform::from_xyz(10.0, 2.6, 6.0),
     ));
     let wood = StandardMaterial { base_color: Color::srgb(0.45, 0.28, 0.16), perceptual_roughness: 0.9, ..default() };
     commands.spawn((
         Door,
         Mesh3d(meshes.add(Cuboid::new(2.2, 2.6, 0.08).mesh().build().translated_by(Vec3::new(1.1, 1.3, 0.0)))),
         MeshMaterial3d(materials.add(wood)),
-        Transform::from_xyz(-1.1, 0.0, 0.0),
+        Transform::from_translation(HINGE),
         PatchlightMoving,
     ));
     let camera = support::camera(&scene, 1.0);
-    commands.spawn((camera, FreeCamera::default())).insert(bevy::camera::Exposure { ev100: 12.0 });
+    let shown = (Exposure { ev100: 12.0 }, Tonemapping::AcesFitted);
+    commands.spawn((camera, FreeCamera::default())).insert(shown);
 }
 
 fn panel(mut commands: Commands) {
@@ -108,18 +119,29 @@ fn panel(mut commands: Commands) {
         panel.spawn((Text::new("Sun, from morning to evening"), font()));
         let bar = Node { width: percent(100), height: px(18), ..default() };
         panel
-            .spawn((Slider, Button, RelativeCursorPosition::default(), bar, BackgroundColor(Color::srgb(0.2, 0.22, 0.26))))
+            .spawn((
+                Slider,
+                Button,
+                RelativeCursorPosition::default(),
+                bar,
+                BackgroundColor(Color::srgb(0.2, 0.22, 0.26)),
+            ))
             .with_children(|bar| {
-                let knob = Node { width: percent(4), height: percent(100), position_type: PositionType::Absolute, ..default() };
+                let knob = Node {
+                    width: percent(4),
+                    height: percent(100),
+                    position_type: PositionType::Absolute,
+                    ..default()
+                };
                 bar.spawn((Knob, knob, BackgroundColor(Color::srgb(0.96, 0.8, 0.45))));
             });
         for (switch, label) in [(Switch::Lamp, "Lamp [L]"), (Switch::Door, "Door [O]")] {
             let node = Node { padding: UiRect::axes(px(10), px(6)), ..default() };
-            panel
-                .spawn((switch, Button, node, BackgroundColor(Color::srgb(0.2, 0.22, 0.26))))
-                .with_children(|button| {
+            panel.spawn((switch, Button, node, BackgroundColor(Color::srgb(0.2, 0.22, 0.26)))).with_children(
+                |button| {
                     button.spawn((Text::new(label), font()));
-                });
+                },
+            );
         }
     });
 }
@@ -173,6 +195,7 @@ fn shine(
     mut sun: Single<(&mut Transform, &mut DirectionalLight)>,
     mut lamp: Single<&mut PointLight, With<Lamp>>,
     mut sky: ResMut<GlobalAmbientLight>,
+    mut behind: ResMut<ClearColor>,
 ) {
     let angle = std::f32::consts::PI * (0.06 + 0.88 * hours.value);
     let (height, way) = (angle.sin(), angle.cos());
@@ -182,6 +205,8 @@ fn shine(
     light.color = Color::linear_rgb(1.0, 1.0 - 0.45 * warm, 1.0 - 0.75 * warm);
     light.illuminance = SUN * height;
     sky.color = Color::linear_rgb(0.55, 0.75, 1.0);
+    let bright = 0.1 + 0.6 * height;
+    behind.0 = Color::linear_rgb(0.55 * bright, 0.75 * bright, bright);
     sky.brightness = SKY * (0.25 + 0.75 * height);
     lamp.intensity = if hours.is_lamp_on { 600_000.0 } else { 0.0 };
 }

@@ -1,5 +1,7 @@
 //! A room with a window. The sun moves, and the light of all bounces follows it.
 
+use bevy::camera::Exposure;
+use bevy::core_pipeline::tonemapping::Tonemapping;
 use bevy::prelude::*;
 use bevy_patchlight::{PatchlightMoving, PatchlightPlugin, PatchlightStatic};
 
@@ -11,14 +13,9 @@ fn main() {
         .run();
 }
 
-fn setup(
-    mut commands: Commands,
-    mut meshes: ResMut<Assets<Mesh>>,
-    mut materials: ResMut<Assets<StandardMaterial>>,
-) {
-    let mut paint = |color: Color| {
-        materials.add(StandardMaterial { base_color: color, perceptual_roughness: 1.0, ..default() })
-    };
+fn setup(mut commands: Commands, mut meshes: ResMut<Assets<Mesh>>, mut materials: ResMut<Assets<StandardMaterial>>) {
+    let mut paint =
+        |color: Color| materials.add(StandardMaterial { base_color: color, perceptual_roughness: 1.0, ..default() });
     let (white, red) = (paint(Color::srgb(0.85, 0.85, 0.85)), paint(Color::srgb(0.8, 0.15, 0.1)));
     // Floor, ceiling, three walls, and a wall with a window: middles and sizes, m.
     for (middle, size, material) in [
@@ -41,7 +38,7 @@ fn setup(
     commands.spawn((sphere, MeshMaterial3d(white), Transform::from_xyz(0.0, 0.4, 0.0), PatchlightMoving));
     commands.spawn(DirectionalLight { illuminance: 60_000.0, shadow_maps_enabled: true, ..default() });
     let camera = Transform::from_xyz(1.8, 1.7, 2.2).looking_at(Vec3::new(-1.5, 1.0, -1.0), Vec3::Y);
-    commands.spawn((Camera3d::default(), camera, bevy::camera::Exposure { ev100: 10.5 }));
+    commands.spawn((Camera3d::default(), camera, Tonemapping::AcesFitted, Exposure { ev100: 10.5 }));
 }
 
 fn turn(

@@ -132,8 +132,7 @@ fn corner_uvs(scene: &Scene, snapshot: &Snapshot, sides: &[Sides], texels: &Ligh
         firsts.push(sum);
         sum += mesh.indices.len() / 3;
     }
-    let mut uvs: Vec<Vec<[f32; 2]>> =
-        snapshot.meshes.iter().map(|mesh| vec![dark; mesh.indices.len()]).collect();
+    let mut uvs: Vec<Vec<[f32; 2]>> = snapshot.meshes.iter().map(|mesh| vec![dark; mesh.indices.len()]).collect();
     for (number, triangle) in scene.geometry.triangles.iter().enumerate() {
         let Some(uv) = texels.uv(number as u32, !sides[number].back) else { continue };
         let mesh = triangle.object as usize;

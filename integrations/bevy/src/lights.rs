@@ -29,12 +29,8 @@ const SPOT_STEPS: usize = 256;
 const SPOT_FRINGE: f32 = 1e-3;
 
 type Seen = Option<&'static InheritedVisibility>;
-type View = (
-    &'static Camera,
-    Option<&'static Exposure>,
-    Option<&'static AmbientLight>,
-    Option<&'static EnvironmentMapLight>,
-);
+type View =
+    (&'static Camera, Option<&'static Exposure>, Option<&'static AmbientLight>, Option<&'static EnvironmentMapLight>);
 
 /// What shines in a world.
 #[derive(SystemParam)]
@@ -123,7 +119,8 @@ impl Lamps<'_, '_> {
 
     /// Mean of the texture by which an emission is multiplied.
     fn mean_of_emissive(&self, material: &StandardMaterial) -> Vec3 {
-        let texture = material.emissive_texture.as_ref().filter(|_| material.emissive != bevy::color::LinearRgba::BLACK);
+        let texture =
+            material.emissive_texture.as_ref().filter(|_| material.emissive != bevy::color::LinearRgba::BLACK);
         let Some(image) = texture.and_then(|handle| self.images.get(handle)) else { return Vec3::ONE };
         sky::mean_color(image).unwrap_or(Vec3::ONE)
     }
@@ -149,8 +146,7 @@ impl Lamps<'_, '_> {
     }
 }
 
-type ViewItem<'a> =
-    (&'a Camera, Option<&'a Exposure>, Option<&'a AmbientLight>, Option<&'a EnvironmentMapLight>);
+type ViewItem<'a> = (&'a Camera, Option<&'a Exposure>, Option<&'a AmbientLight>, Option<&'a EnvironmentMapLight>);
 
 /// A vector of Bevy's as one of ours: the two have different versions of glam.
 pub(crate) fn vector(v: bevy::math::Vec3) -> Vec3 {

@@ -12,8 +12,8 @@ use bevy::image::{Image, ImageSampler};
 use bevy::light::{AmbientLight, EnvironmentMapLight, GlobalAmbientLight, IrradianceVolume, LightProbe};
 use bevy::log::{info, warn};
 use bevy::mesh::{Mesh as BevyMesh, Mesh3d};
-use bevy::platform::cell::SyncCell;
 use bevy::pbr::{Lightmap, MeshMaterial3d, StandardMaterial};
+use bevy::platform::cell::SyncCell;
 use bevy::prelude::{ChildOf, GlobalTransform, Name, Quat, Transform, Vec3};
 use bevy::render::render_resource::{Extent3d, TextureDimension, TextureFormat};
 use bevy::tasks::futures::check_ready;
@@ -28,9 +28,7 @@ use crate::layout::Layout;
 use crate::lights::{Lamps, LampsNow, Which};
 use crate::sky::SkyMap;
 use crate::work::{Move, Order, Prepared, ProbeTexels, Texels, Work};
-use crate::{
-    PatchlightMoving, PatchlightSettings, PatchlightStage, PatchlightStatic, PatchlightStatus,
-};
+use crate::{PatchlightMoving, PatchlightSettings, PatchlightStage, PatchlightStatic, PatchlightStatus};
 
 type Outcome = (Box<Work>, Result<Option<Texels>, patchlight::Error>);
 
@@ -131,8 +129,7 @@ impl Meshes<'_, '_> {
     }
 }
 
-type ChangedItem =
-    (Entity, &'static Mesh3d, &'static MeshMaterial3d<StandardMaterial>, Option<&'static Original>);
+type ChangedItem = (Entity, &'static Mesh3d, &'static MeshMaterial3d<StandardMaterial>, Option<&'static Original>);
 type CameOrChanged = Or<(Added<PatchlightStatic>, Changed<Mesh3d>, Changed<MeshMaterial3d<StandardMaterial>>)>;
 
 /// Sees that what rests has changed, and begins to prepare it once all of it is there.
@@ -356,9 +353,8 @@ impl Lit {
 
 /// Begins the bake of a scene.
 fn begin(prepared: &Prepared, settings: &PatchlightSettings) -> Result<BakeJob, patchlight::Error> {
-    let bake = BakeSettings::default()
-        .with_patch_count(settings.patch_count)
-        .with_receiver_density(settings.receiver_density);
+    let bake =
+        BakeSettings::default().with_patch_count(settings.patch_count).with_receiver_density(settings.receiver_density);
     let refinement = Refinement::default().with_methods(vec![settings.method.clone()]);
     Bake::refine(&prepared.scene, &bake, refinement)
 }
@@ -433,7 +429,10 @@ pub(crate) fn light(
     }
     let is_new = lit.new_bake.is_some() || !lit.moves.is_empty() || lit.last.as_ref() != Some(&now);
     let has_bake = lit.new_bake.is_some() || lit.last.is_some();
-    if is_new && has_bake && let Some(work) = lit.work.take() {
+    if is_new
+        && has_bake
+        && let Some(work) = lit.work.take()
+    {
         let mut work = SyncCell::to_inner(work);
         let moves = std::mem::take(&mut lit.moves);
         let order = Order { bake: lit.new_bake.take(), lamps: now.clone(), moves };
@@ -545,11 +544,8 @@ fn show_probes(lit: &mut Lit, probes: ProbeTexels, commands: &mut Commands, imag
     image.sampler = ImageSampler::linear();
     let voxels = images.add(image);
     let vector = |v: patchlight::glam::Vec3| Vec3::from_array(v.to_array());
-    let transform = Transform {
-        translation: vector(probes.middle),
-        rotation: Quat::IDENTITY,
-        scale: vector(probes.extent),
-    };
+    let transform =
+        Transform { translation: vector(probes.middle), rotation: Quat::IDENTITY, scale: vector(probes.extent) };
     let volume = IrradianceVolume { voxels: voxels.clone(), intensity: 1.0, affects_lightmapped_meshes: false };
     let entity = commands.spawn((LightProbe::new(), volume, transform, Visibility::Visible)).id();
     lit.volume = Some((entity, voxels, probes.size));

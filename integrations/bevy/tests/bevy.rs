@@ -7,9 +7,7 @@ mod support;
 use std::sync::Arc;
 
 use bevy::prelude::*;
-use bevy_patchlight::{
-    PatchlightMoving, PatchlightSettings, PatchlightStage, PatchlightStatic, PatchlightStatus,
-};
+use bevy_patchlight::{PatchlightMoving, PatchlightSettings, PatchlightStage, PatchlightStatic, PatchlightStatus};
 use common::{Shot, headless};
 use patchlight::glam::Vec3 as OwnVec3;
 use patchlight::{Cpu, LightField, LightSettings, PictureRenderer, PictureSettings, Silent};
@@ -66,11 +64,8 @@ fn irradiance(app: &mut App, places: &[Vec3]) -> Vec<OwnVec3> {
         ..SurfacePoint::default()
     };
     let points: Vec<SurfacePoint> = places.iter().map(point).collect();
-    let params = DirectParams {
-        count: points.len() as u32,
-        area_rays: 4096,
-        ..patchlight::bake::direct_params(&scene)
-    };
+    let params =
+        DirectParams { count: points.len() as u32, area_rays: 4096, ..patchlight::bake::direct_params(&scene) };
     scene.direct_irradiance(&params, &points)
 }
 
@@ -113,8 +108,7 @@ fn lights_are_those_of_bevy() {
         (
             "rectangle",
             Box::new(move |world| {
-                let light =
-                    RectLight { color: lamp, intensity: 300.0, width: 0.8, height: 0.5, range: 1000.0 };
+                let light = RectLight { color: lamp, intensity: 300.0, width: 0.8, height: 0.5, range: 1000.0 };
                 world.spawn((light, towards)).id()
             }),
         ),
@@ -367,10 +361,7 @@ fn bakes_are_assets_and_old_ones_are_seen() {
         let mut app = common::headless_in(settings(60, 0.1), folder.path());
         room(&mut app);
         if !is_same {
-            app.world_mut().spawn((
-                Mesh3d(Handle::default()),
-                MeshMaterial3d::<StandardMaterial>(Handle::default()),
-            ));
+            app.world_mut().spawn((Mesh3d(Handle::default()), MeshMaterial3d::<StandardMaterial>(Handle::default())));
             let mesh = app.world_mut().resource_mut::<Assets<Mesh>>().add(Cuboid::new(0.5, 0.5, 0.5));
             let material = app.world_mut().resource_mut::<Assets<StandardMaterial>>().add(Color::WHITE);
             let place = Transform::from_xyz(0.0, 0.3, 0.0);

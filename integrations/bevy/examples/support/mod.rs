@@ -106,7 +106,8 @@ fn texture(own: &OwnTexture, texels: &[u32]) -> Image {
     image
 }
 
-/// Spawns a light; a spot's fall-off and a rectangle's lack of shadows are Bevy's.
+/// Spawns a light, for tests; a spot's fall-off and a rectangle's lack of shadows are Bevy's.
+#[allow(dead_code, reason = "examples have lights of their own")]
 pub fn spawn_light(light: &OwnLight, commands: &mut Commands) -> Option<Entity> {
     let color = light.color * LUMENS_PER_WATT;
     let size = color.max_element();
@@ -122,13 +123,7 @@ pub fn spawn_light(light: &OwnLight, commands: &mut Commands) -> Option<Entity> 
             along(vector(light.direction)),
         )),
         LIGHT_POINT => commands.spawn((
-            PointLight {
-                color: tint,
-                intensity: size * sphere,
-                range: 100.0,
-                shadow_maps_enabled: true,
-                ..default()
-            },
+            PointLight { color: tint, intensity: size * sphere, range: 100.0, shadow_maps_enabled: true, ..default() },
             Transform::from_translation(vector(light.position)),
         )),
         LIGHT_SPOT => commands.spawn((
@@ -163,11 +158,7 @@ pub fn spawn_light(light: &OwnLight, commands: &mut Commands) -> Option<Entity> 
 pub fn camera(scene: &LoadedScene, scale: f32) -> impl Bundle {
     let view = &scene.view;
     let transform = Transform::from_translation(vector(view.eye)).looking_at(vector(view.target), vector(view.up));
-    let projection = PerspectiveProjection {
-        fov: view.vertical_fov_degrees.to_radians(),
-        near: 0.01,
-        ..default()
-    };
+    let projection = PerspectiveProjection { fov: view.vertical_fov_degrees.to_radians(), near: 0.01, ..default() };
     // Bevy multiplies by 2^-EV / 1.2.
     let ev100 = -(1.2 * scale / LUMENS_PER_WATT).log2();
     (Camera3d::default(), Projection::Perspective(projection), transform, Exposure { ev100 })

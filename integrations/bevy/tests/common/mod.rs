@@ -87,8 +87,8 @@ impl Shot {
 /// Warnings and errors of the graphics driver's validation, of `wgpu` and of the plugin from now on.
 pub fn messages() -> Arc<Mutex<Vec<String>>> {
     use bevy::log::tracing_subscriber::layer::{Context, Layer, SubscriberExt as _};
-    use bevy::log::tracing_subscriber::util::SubscriberInitExt as _;
     use bevy::log::tracing_subscriber::registry;
+    use bevy::log::tracing_subscriber::util::SubscriberInitExt as _;
 
     struct Kept(Arc<Mutex<Vec<String>>>);
     impl<S: bevy::log::tracing::Subscriber> Layer<S> for Kept {
