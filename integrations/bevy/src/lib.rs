@@ -18,6 +18,7 @@ use bevy::camera::visibility::VisibilitySystems;
 use bevy::ecs::prelude::*;
 use bevy::light::SimulationLightSystems;
 use bevy::transform::TransformSystems;
+pub use patchlight::DeviceChoice;
 use patchlight::bake::Bake;
 pub use patchlight::method::MethodSettings;
 
@@ -41,6 +42,8 @@ pub struct PatchlightSettings {
     pub probe_count: u32,
     /// Method for light between patches.
     pub method: MethodSettings,
+    /// Where light is found: on the processor, or with the feature `vulkan` on a Vulkan device that is opened beside Bevy's.
+    pub device: DeviceChoice,
     /// A bake of this scene, which takes the place of a bake at start. One of another scene is left, with a warning.
     pub bake: Option<Handle<PatchlightBake>>,
     /// Waits for the finished bake, and in each frame for its light, instead of working beside the frames: for pictures
@@ -51,7 +54,7 @@ pub struct PatchlightSettings {
 }
 
 impl Default for PatchlightSettings {
-    /// 2,000 patches, texels of 10 cm, 1,024 probes, beside the frames.
+    /// 2,000 patches, texels of 10 cm, 1,024 probes, on the processor, beside the frames.
     fn default() -> Self {
         Self {
             patch_count: 2000,
@@ -59,6 +62,7 @@ impl Default for PatchlightSettings {
             receiver_density: 1.0,
             probe_count: 1024,
             method: MethodSettings::default(),
+            device: DeviceChoice::Cpu,
             bake: None,
             wait: false,
             revision: 0,

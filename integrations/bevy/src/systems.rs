@@ -292,7 +292,7 @@ impl Lit {
             None => Source::Job(begin(&prepared, settings)?),
         };
         let light = LightSettings::default().with_method(settings.method.clone());
-        let work = Work::new(Arc::clone(&prepared), light, settings.probe_count);
+        let work = Work::new(Arc::clone(&prepared), light, settings.device.clone(), settings.probe_count);
         Ok(Self {
             snapshot,
             prepared,

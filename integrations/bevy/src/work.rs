@@ -13,7 +13,8 @@ use patchlight::glam::{Affine3A, Vec3};
 use patchlight::outputs::is_lit;
 use patchlight::scene::ReceiverSet as _;
 use patchlight::{
-    Bake, Cpu, Error, LightField, LightSettings, Lighting, ObjectId, Point, PointKind, PointSet, Scene, Silent,
+    Bake, DeviceChoice, Error, LightField, LightSettings, Lighting, ObjectId, Point, PointKind, PointSet, Scene,
+    Silent, open,
 };
 
 use crate::gather::MeshParts;
@@ -74,6 +75,7 @@ pub(crate) struct ProbeTexels {
 pub(crate) struct Work {
     prepared: Arc<Prepared>,
     settings: LightSettings,
+    device: DeviceChoice,
     probe_count: u32,
     field: Option<LightField>,
     rows: Rows,
@@ -89,10 +91,11 @@ struct Probes {
 }
 
 impl Work {
-    pub fn new(prepared: Arc<Prepared>, settings: LightSettings, probe_count: u32) -> Self {
+    pub fn new(prepared: Arc<Prepared>, settings: LightSettings, device: DeviceChoice, probe_count: u32) -> Self {
         Self {
             prepared,
             settings: settings.with_point_rays(PROBE_RAYS),
+            device,
             probe_count,
             field: None,
             rows: Rows::default(),
@@ -108,10 +111,10 @@ impl Work {
     /// What the library says.
     pub fn run(&mut self, order: &Order) -> Result<Option<Texels>, Error> {
         let start = Instant::now();
-        if let Some((bake, is_last)) = &order.bake {
-            self.take(bake, *is_last)?;
-        }
         let mut warnings = Vec::new();
+        if let Some((bake, is_last)) = &order.bake {
+            self.take(bake, *is_last, &mut warnings)?;
+        }
         let Some(field) = &mut self.field else { return Ok(None) };
         for change in &order.moves {
             if let Err(error) = apply(field, &mut self.objects, change) {
@@ -135,14 +138,16 @@ impl Work {
     }
 
     /// Takes another bake.
-    fn take(&mut self, bake: &Arc<Bake>, is_last: bool) -> Result<(), Error> {
+    fn take(&mut self, bake: &Arc<Bake>, is_last: bool, warnings: &mut Vec<String>) -> Result<(), Error> {
         let field = match &mut self.field {
             Some(field) => {
                 field.set_bake(Arc::clone(bake), &Silent)?;
                 field
             }
             empty => {
-                let field = LightField::new(Arc::clone(bake), Box::new(Cpu::new()), &self.settings, &Silent)?;
+                let (executor, note) = open(&self.device)?;
+                warnings.extend(note);
+                let field = LightField::new(Arc::clone(bake), executor, &self.settings, &Silent)?;
                 let field = empty.insert(field);
                 self.probes = Probes::new(field, self.probe_count)?;
                 field

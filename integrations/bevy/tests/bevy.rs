@@ -155,10 +155,11 @@ fn own_picture(pixels: &[Vec3]) -> patchlight::Picture {
 }
 
 /// Light of lightmaps in Bevy and in Patchlight's own picture.
-fn compare(name: &str, patch_count: usize, texel: f32) -> (f64, f64) {
+fn compare(name: &str, settings: PatchlightSettings) -> (f64, f64) {
+    let patch_count = settings.patch_count;
     let scene = assets::load_or_build(name).unwrap();
     let scale = 0.1;
-    let mut app = headless(settings(patch_count, texel));
+    let mut app = headless(settings);
     spawn(&mut app, &scene);
     for light in &scene.scene.lighting.lights {
         support::spawn_light(light, &mut app.world_mut().commands()).unwrap();
@@ -250,14 +251,33 @@ fn shines(scene: &assets::LoadedScene, camera: &patchlight::Camera, pixel: u32) 
 
 #[test]
 fn pictures_of_the_box_are_those_of_patchlight() {
-    let (ssim, ratio) = compare("cornell", 400, 0.01);
+    let (ssim, ratio) = compare("cornell", settings(400, 0.01));
     assert!(ssim >= 0.97 && (ratio - 1.0).abs() < 0.03, "{ssim} {ratio}");
 }
 
 #[test]
 fn pictures_of_the_office_are_those_of_patchlight() {
-    let (ssim, ratio) = compare("office", 1000, 0.05);
+    let (ssim, ratio) = compare("office", settings(1000, 0.05));
     assert!(ssim >= 0.97 && (ratio - 1.0).abs() < 0.03, "{ssim} {ratio}");
+}
+
+/// The device's read-back and the processor's numbers are the same light.
+#[cfg(feature = "vulkan")]
+#[test]
+fn pictures_of_a_vulkan_device_are_those_of_patchlight() {
+    let device = bevy_patchlight::DeviceChoice::Vulkan;
+    let (ssim, ratio) = compare("cornell", PatchlightSettings { device, ..settings(400, 0.01) });
+    assert!(ssim >= 0.97 && (ratio - 1.0).abs() < 0.03, "{ssim} {ratio}");
+}
+
+#[test]
+fn a_device_that_is_not_there_is_told() {
+    let device = bevy_patchlight::DeviceChoice::Name("no such card".into());
+    let mut app = headless(PatchlightSettings { device, ..settings(60, 0.2) });
+    room(&mut app);
+    (0..4).for_each(|_| app.update());
+    let PatchlightStage::Failed(reason) = status(&app).stage else { panic!("{:?}", status(&app)) };
+    assert!(reason.contains("no such card") || reason.contains("Vulkan"), "{reason}");
 }
 
 /// A closed room of boxes with a lamp, and its light as Bevy shows it.
