@@ -57,6 +57,8 @@ struct Lit {
     new_bake: Option<(Arc<Bake>, bool)>,
     last: Option<LampsNow>,
     lightmap: Handle<Image>,
+    /// Its texels.
+    texels: Vec<u8>,
     /// The lightmap has light, and the meshes have the lightmap.
     has_light: bool,
     is_shown: bool,
@@ -302,6 +304,7 @@ impl Lit {
             new_bake: None,
             last: None,
             lightmap,
+            texels: Vec::new(),
             has_light: false,
             is_shown: false,
             volume: None,
@@ -505,8 +508,12 @@ fn finish(
     };
     texels.warnings.iter().for_each(|warning| warn!("Patchlight: {warning}"));
     lit.has_light = true;
-    if let Some(mut image) = images.get_mut(&lit.lightmap) {
-        image.data = Some(texels.lightmap);
+    // What is as before is not sent again.
+    if lit.texels != texels.lightmap
+        && let Some(mut image) = images.get_mut(&lit.lightmap)
+    {
+        image.data = Some(texels.lightmap.clone());
+        lit.texels = texels.lightmap;
     }
     match texels.probes {
         Some(probes) => show_probes(lit, probes, commands, images),

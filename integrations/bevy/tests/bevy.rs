@@ -6,6 +6,7 @@ mod support;
 
 use std::sync::Arc;
 
+use bevy::light::EnvironmentMapLight;
 use bevy::prelude::*;
 use bevy_patchlight::{PatchlightMoving, PatchlightSettings, PatchlightStage, PatchlightStatic, PatchlightStatus};
 use common::{Shot, headless};
@@ -132,6 +133,41 @@ fn lights_are_those_of_bevy() {
         }
         app.world_mut().despawn(entity);
     }
+}
+
+/// A place that looks upwards, and one that looks along x, under a cube map: each face takes the share of the hemisphere
+/// that it fills, of the one ahead 0.5541 (the view factor of a square twice as wide as it is away, Howell C-11 doubled).
+#[test]
+fn environment_maps_are_skies() {
+    use bevy::asset::RenderAssetUsages;
+    use bevy::render::render_resource::{Extent3d, TextureDimension, TextureFormat};
+    use patchlight::scene::gpu::DirectParams;
+    use patchlight::{Mesh as OwnMesh, Scene, SurfacePoint};
+    let mut app = headless(PatchlightSettings::default());
+    // Faces +x, -x, +y, -y, +z, -z: blue to the right, red above, green elsewhere.
+    let (red, green, blue) = ([1.0f32, 0.0, 0.0, 1.0], [0.0, 1.0, 0.0, 1.0], [0.0, 0.0, 1.0, 1.0]);
+    let faces = [blue, green, red, green, green, green];
+    let bytes = faces.iter().flat_map(|face| [*face; 64]).flatten().flat_map(f32::to_le_bytes).collect();
+    let size = Extent3d { width: 8, height: 8, depth_or_array_layers: 6 };
+    let image =
+        Image::new(size, TextureDimension::D2, bytes, TextureFormat::Rgba32Float, RenderAssetUsages::MAIN_WORLD);
+    let map = app.world_mut().resource_mut::<Assets<Image>>().add(image);
+    let environment = EnvironmentMapLight { diffuse_map: map.clone(), specular_map: map, intensity: 3.0, ..default() };
+    app.world_mut().spawn((Camera3d::default(), environment));
+    let lighting = bevy_patchlight::lights_of(app.world_mut());
+    let mut builder = Scene::builder();
+    let corners = [OwnVec3::new(0.0, -99.0, 0.0), OwnVec3::new(0.1, -99.0, 0.0), OwnVec3::new(0.0, -99.0, 0.1)];
+    builder.add_mesh(OwnMesh { positions: &corners, ..OwnMesh::default() });
+    let scene = Scene::under(builder.build().unwrap().geometry, lighting).unwrap();
+    let point = |normal: OwnVec3| SurfacePoint { normal, weight: 1.0, ..SurfacePoint::default() };
+    let params = DirectParams { count: 2, sky_rays: 1 << 16, ..patchlight::bake::direct_params(&scene) };
+    let found = scene.direct_irradiance(&params, &[point(OwnVec3::Y), point(OwnVec3::X)]);
+    let share = |irradiance: OwnVec3| irradiance / (3.0 * std::f32::consts::PI);
+    let (up, right) = (share(found[0]), share(found[1]));
+    let side = (1.0 - 0.5541) / 4.0;
+    assert!((up.x - 0.5541).abs() < 0.02 && (up.z - side).abs() < 0.02, "{up}");
+    assert!((right.z - 0.5541).abs() < 0.02 && (right.x - side).abs() < 0.02, "{right}");
+    assert!((up.element_sum() - 1.0).abs() < 0.01, "{up}");
 }
 
 /// Bevy's picture of the light of the lightmaps alone: with them less without them.

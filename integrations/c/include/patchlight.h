@@ -218,20 +218,6 @@ typedef struct PlPoint {
   float normal[3];
 } PlPoint;
 
-// A diffuse material.
-typedef struct PlMaterial {
-  // sizeof(PlMaterial).
-  size_t struct_size;
-  // Reflectance of each channel, 0 to 0.95; not used where there is a texture.
-  float reflectance[3];
-  // Radiance of its front, W/m²/sr.
-  float radiance[3];
-  // A texture of pl_builder_add_texture instead of the reflectance, or PL_NONE.
-  uint32_t texture;
-  // With a texture: places of a lower alpha are holes; 0 for none.
-  float cutoff;
-} PlMaterial;
-
 // Triangles of one material.
 typedef struct PlMesh {
   // sizeof(PlMesh).
@@ -255,6 +241,20 @@ typedef struct PlMesh {
   // Three rows of four numbers: rotation with scale, and translation; or NULL.
   const float *transform;
 } PlMesh;
+
+// A diffuse material.
+typedef struct PlMaterial {
+  // sizeof(PlMaterial).
+  size_t struct_size;
+  // Reflectance of each channel, 0 to 0.95; not used where there is a texture.
+  float reflectance[3];
+  // Radiance of its front, W/m²/sr.
+  float radiance[3];
+  // A texture of pl_builder_add_texture instead of the reflectance, or PL_NONE.
+  uint32_t texture;
+  // With a texture: places of a lower alpha are holes; 0 for none.
+  float cutoff;
+} PlMaterial;
 
 #if defined(PATCHLIGHT_VULKAN)
 // A device of the caller's; handles stay the caller's.
@@ -515,6 +515,29 @@ enum PlStatus pl_field_picture(struct PlField *field,
 // # Safety
 // It is NULL or not used again; recordings of it are finished on the device.
 void pl_field_free(struct PlField *field);
+
+// Adds an object that moves through the scene: it throws shadows, takes light away from what is behind it, and reflects. A
+// closed mesh of a few hundred triangles, with a material of the baked scene; its own transform comes before `transform`,
+// three rows of four numbers, or NULL. Its number goes to `out_object`.
+//
+// # Safety
+// Pointers are what they say.
+enum PlStatus pl_field_add_object(struct PlField *field,
+                                  const struct PlMesh *mesh,
+                                  const float *transform,
+                                  uint32_t *out_object);
+
+// Moves an object, from the next update on: three rows of four numbers.
+//
+// # Safety
+// `transform` is NULL, for its first place, or begins twelve numbers.
+enum PlStatus pl_field_move_object(struct PlField *field, uint32_t object, const float *transform);
+
+// Removes an object; others keep their numbers.
+//
+// # Safety
+// The handle is live.
+enum PlStatus pl_field_remove_object(struct PlField *field, uint32_t object);
 
 // Fills a structure with its size and defaults: a point of 1 W/sr.
 //
