@@ -154,6 +154,7 @@ fn environment_maps_are_skies() {
     let map = app.world_mut().resource_mut::<Assets<Image>>().add(image);
     let environment = EnvironmentMapLight { diffuse_map: map.clone(), specular_map: map, intensity: 3.0, ..default() };
     app.world_mut().spawn((Camera3d::default(), environment));
+    app.update();
     let lighting = bevy_patchlight::lights_of(app.world_mut());
     let mut builder = Scene::builder();
     let corners = [OwnVec3::new(0.0, -99.0, 0.0), OwnVec3::new(0.1, -99.0, 0.0), OwnVec3::new(0.0, -99.0, 0.1)];

@@ -8,6 +8,7 @@ use bevy::log::LogPlugin;
 use bevy::prelude::*;
 use bevy::render::RenderPlugin;
 use bevy::render::gpu_readback::{Readback, ReadbackComplete};
+use bevy::render::pipelined_rendering::PipelinedRenderingPlugin;
 use bevy::render::render_resource::{TextureFormat, TextureUsages};
 use bevy::render::settings::{InstanceFlags, WgpuSettings};
 use bevy::window::ExitCondition;
@@ -29,6 +30,8 @@ pub fn headless_in(settings: PatchlightSettings, assets: &std::path::Path) -> Ap
         RenderPlugin { render_creation: renderer.into(), synchronous_pipeline_compilation: true, ..default() };
     let files = AssetPlugin { file_path: assets.to_string_lossy().into_owned(), ..default() };
     let own = DefaultPlugins.set(window).set(renderer).set(files).disable::<WinitPlugin>().disable::<LogPlugin>();
+    // One thread draws: a picture is that of its frame, and nothing is drawn while an app ends.
+    let own = own.disable::<PipelinedRenderingPlugin>();
     app.add_plugins((own, PatchlightPlugin));
     app.insert_resource(settings);
     app.insert_resource(ClearColor(Color::BLACK));
