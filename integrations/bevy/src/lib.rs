@@ -6,6 +6,7 @@ mod layout;
 mod lights;
 mod sky;
 mod systems;
+mod upload;
 mod work;
 
 use std::path::Path;
@@ -116,6 +117,8 @@ pub struct PatchlightStatus {
     pub update_time: Duration,
     /// Time of all work for it: the update, texels, probes.
     pub work_time: Duration,
+    /// Texels that the last update sent to the graphics card.
+    pub texels_sent: u64,
     /// Texels of the lightmap: a row, and rows.
     pub lightmap_size: (u32, u32),
     /// Patches of the bake.
@@ -150,7 +153,8 @@ pub struct PatchlightSystems;
 
 impl Plugin for PatchlightPlugin {
     fn build(&self, app: &mut App) {
-        app.init_asset::<PatchlightBake>()
+        app.add_plugins(upload::UploadPlugin)
+            .init_asset::<PatchlightBake>()
             .init_asset_loader::<baked::BakeLoader>()
             .init_resource::<PatchlightSettings>()
             .init_resource::<PatchlightStatus>()

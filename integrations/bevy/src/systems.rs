@@ -4,7 +4,7 @@ use std::collections::{HashMap, HashSet};
 use std::sync::Arc;
 use std::time::Duration;
 
-use bevy::asset::{Assets, Handle, RenderAssetUsages};
+use bevy::asset::{AssetServer, Assets, Handle, RenderAssetUsages};
 use bevy::camera::visibility::Visibility;
 use bevy::ecs::prelude::*;
 use bevy::ecs::system::SystemParam;
@@ -27,6 +27,7 @@ use crate::gather::{MeshParts, Snapshot, affine, parts};
 use crate::layout::Layout;
 use crate::lights::{Lamps, LampsNow, Which};
 use crate::sky::SkyMap;
+use crate::upload::Tiles;
 use crate::work::{Move, Order, Prepared, ProbeTexels, Texels, Work};
 use crate::{PatchlightMoving, PatchlightSettings, PatchlightStage, PatchlightStatic, PatchlightStatus};
 
@@ -102,11 +103,17 @@ pub(crate) struct Meshes<'w, 's> {
     meshes: Res<'w, Assets<BevyMesh>>,
     materials: Res<'w, Assets<StandardMaterial>>,
     images: Res<'w, Assets<Image>>,
+    server: Res<'w, AssetServer>,
 }
 
 impl Meshes<'_, '_> {
     fn is_static(&self, entity: Entity) -> bool {
         self.marked.contains(entity) || self.parents.iter_ancestors(entity).any(|parent| self.marked.contains(parent))
+    }
+
+    /// True while a picture is being loaded; one that cannot be is not waited for.
+    fn is_on_its_way(&self, texture: &Handle<Image>) -> bool {
+        self.images.get(texture).is_none() && !self.server.load_state(texture.id()).is_failed()
     }
 
     /// What rests; none while some of it is being loaded.
@@ -119,7 +126,7 @@ impl Meshes<'_, '_> {
             let handle = original.map_or(&mesh.0, |original| &original.mesh);
             let own = self.materials.get(&material.0)?;
             let textures = [&own.base_color_texture, &own.emissive_texture];
-            if textures.into_iter().flatten().any(|texture| self.images.get(texture).is_none()) {
+            if textures.into_iter().flatten().any(|texture| self.is_on_its_way(texture)) {
                 return None;
             }
             let bevy_mesh = self.meshes.get(handle)?;
@@ -418,6 +425,7 @@ pub(crate) fn light(
     mut status: ResMut<PatchlightStatus>,
     settings: Res<PatchlightSettings>,
     moving: Moving,
+    mut tiles: ResMut<Tiles>,
     mut lamps: ParamSet<(Lamps, ResMut<Assets<Image>>, Skies)>,
 ) {
     let State { lit, sky, .. } = &mut *state;
@@ -427,7 +435,7 @@ pub(crate) fn light(
     if let Some(mut task) = lit.task.take() {
         match check_ready(&mut task) {
             None => lit.task = Some(task),
-            Some(outcome) => finish(lit, outcome, &mut commands, &mut lamps.p1(), &mut status),
+            Some(outcome) => finish(lit, outcome, &mut commands, (&mut lamps.p1(), &mut tiles), &mut status),
         }
     }
     let is_new = lit.new_bake.is_some() || !lit.moves.is_empty() || lit.last.as_ref() != Some(&now);
@@ -442,7 +450,7 @@ pub(crate) fn light(
         lit.last = Some(now);
         if settings.wait {
             let outcome = work.run(&order);
-            finish(lit, (work, outcome), &mut commands, &mut lamps.p1(), &mut status);
+            finish(lit, (work, outcome), &mut commands, (&mut lamps.p1(), &mut tiles), &mut status);
         } else {
             lit.task = Some(AsyncComputeTaskPool::get().spawn(async move {
                 let outcome = work.run(&order);
@@ -493,7 +501,7 @@ fn finish(
     lit: &mut Lit,
     (work, outcome): Outcome,
     commands: &mut Commands,
-    images: &mut Assets<Image>,
+    (images, tiles): (&mut Assets<Image>, &mut Tiles),
     status: &mut PatchlightStatus,
 ) {
     lit.work = Some(SyncCell::new(work));
@@ -508,13 +516,17 @@ fn finish(
     };
     texels.warnings.iter().for_each(|warning| warn!("Patchlight: {warning}"));
     lit.has_light = true;
-    // What is as before is not sent again.
-    if lit.texels != texels.lightmap
+    let id = lit.lightmap.id();
+    let (width, height) = status.lightmap_size;
+    let of_tiles = tiles.add(id, width, &lit.texels, &texels.lightmap);
+    if of_tiles.is_none()
         && let Some(mut image) = images.get_mut(&lit.lightmap)
     {
+        tiles.forget(id);
         image.data = Some(texels.lightmap.clone());
-        lit.texels = texels.lightmap;
     }
+    status.texels_sent = of_tiles.unwrap_or(u64::from(width) * u64::from(height));
+    lit.texels = texels.lightmap;
     match texels.probes {
         Some(probes) => show_probes(lit, probes, commands, images),
         None => {

@@ -403,6 +403,38 @@ fn settle(app: &mut App) {
     }
 }
 
+/// Four closed rooms: a lamp of one sends the texels of one, and they arrive.
+#[test]
+fn what_changes_is_sent() {
+    let mut app = headless(settings(200, 0.05));
+    let lamp = room(&mut app);
+    let world = app.world_mut();
+    let mut others = world.query::<(&Mesh3d, &MeshMaterial3d<StandardMaterial>, &Transform, Has<PatchlightStatic>)>();
+    let others: Vec<_> = others.iter(world).map(|(a, b, c, _)| (a.clone(), b.clone(), *c)).collect();
+    for (mesh, material, place) in others {
+        for k in 1..4 {
+            let place = place.with_translation(place.translation + Vec3::X * 20.0 * k as f32);
+            world.spawn((mesh.clone(), material.clone(), place, PatchlightStatic));
+        }
+    }
+    let far = PointLight { intensity: 4000.0, range: 100.0, affects_lightmapped_mesh_diffuse: false, ..default() };
+    let far = world.spawn((far, Transform::from_xyz(20.0, 2.0, 0.0))).id();
+    let shot = Shot::new(&mut app, UVec2::new(64, 48), view());
+    let once = mean(&shot.take(&mut app, 4));
+    let (width, height) = status(&app).lightmap_size;
+    let all = u64::from(width) * u64::from(height);
+    app.world_mut().get_mut::<PointLight>(far).unwrap().intensity *= 3.0;
+    app.update();
+    assert!((1..=all / 2).contains(&status(&app).texels_sent), "{} of {all}", status(&app).texels_sent);
+    let same = mean(&shot.take(&mut app, 2));
+    assert!((same / once - 1.0).abs() < 1e-3, "{same} {once}");
+    app.world_mut().get_mut::<PointLight>(lamp).unwrap().intensity *= 2.0;
+    app.update();
+    assert!((1..=all / 2).contains(&status(&app).texels_sent), "{} of {all}", status(&app).texels_sent);
+    let twice = mean(&shot.take(&mut app, 2));
+    assert!((twice / once - 2.0).abs() < 0.01, "{twice} {once}");
+}
+
 #[test]
 fn bakes_are_assets_and_old_ones_are_seen() {
     let folder = tempfile::tempdir().unwrap();
