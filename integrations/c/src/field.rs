@@ -10,8 +10,8 @@ use patchlight::method::{FeedbackSettings, TemporalSettings};
 use patchlight::outputs::{LightPart, is_lit, lit_sides, on_lightmap};
 use patchlight::scene::NONE;
 use patchlight::{
-    Camera, DeviceChoice, Executor, LightSettings, Lighting, MethodSettings, PictureRenderer, PictureSettings, Point,
-    PointKind, PointSet, Silent, open,
+    Camera, DeviceChoice, Executor, LightSettings, Lighting, MethodSettings, ObjectId, PictureRenderer,
+    PictureSettings, Point, PointKind, PointSet, Silent, open,
 };
 
 use crate::bake::{PlBake, bake_of};
