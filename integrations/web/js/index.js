@@ -33,6 +33,13 @@ function row(light, index) {
   return [kind, ...color, ...place, ...(light.direction ?? NOWHERE), ...first, ...(light.edgeB ?? NOWHERE)];
 }
 
+/** Rows of lights. @internal */
+export function rows(lights) {
+  const numbers = new Float32Array(LIGHT_NUMBERS * lights.length);
+  lights.forEach((light, index) => numbers.set(row(light, index), LIGHT_NUMBERS * index));
+  return numbers;
+}
+
 /** Bytes of a response, with progress. */
 async function bytesOf(response, url, onProgress) {
   if (!response.ok) {
@@ -88,9 +95,7 @@ export class Patchlight {
   update({ lights, sky, emission } = {}) {
     return failing(() => {
       if (lights !== undefined) {
-        const numbers = new Float32Array(LIGHT_NUMBERS * lights.length);
-        lights.forEach((light, index) => numbers.set(row(light, index), LIGHT_NUMBERS * index));
-        this.#field.set_lights(numbers);
+        this.#field.set_lights(rows(lights));
       }
       if (sky !== undefined) {
         this.#field.set_sky(...sky);
@@ -162,8 +167,8 @@ export class Patchlight {
   }
 }
 
-/** The module throws texts; a page gets errors. */
-function failing(work) {
+/** The module throws texts; a page gets errors. @internal */
+export function failing(work) {
   try {
     return work();
   } catch (error) {

@@ -1,5 +1,7 @@
 import type { DataTexture, Scene, SphericalHarmonics3, Vector3 } from "three";
+import type { SceneArrays } from "./baker.js";
 import type { Light, Patchlight, Rgb, Vector } from "./index.js";
+import type { WorkerOptions } from "./workers.js";
 
 /** Lights of a three scene: lux are W/m², candela W/sr, nits W/m²/sr. */
 export function lightsOf(scene: Scene): Light[];
@@ -26,5 +28,20 @@ export class PatchlightLightmaps {
   makeProbes(low: Vector, high: Vector, counts: readonly [number, number, number]): void;
   /** Radiance at a place as harmonics, for `LightProbe.sh`. */
   harmonics(position: Vector3, target?: SphericalHarmonics3): SphericalHarmonics3;
+  dispose(): void;
+}
+
+/** The meshes of a three scene with their materials, lights and an even sky, for `Baker.of`; `of` are three's materials. */
+export function sceneOf(scene: Scene, options?: { sky?: Rgb }): SceneArrays & { of: object[] };
+
+/** Lightmaps of a three scene that nobody has baked: workers do, coarse at once and then finer. */
+export class LiveLightmaps {
+  constructor(scene: Scene, options?: WorkerOptions & { clone?: boolean; sky?: Rgb });
+  /** None before the first light; another one for each level. */
+  readonly texture: DataTexture | undefined;
+  readonly found: number;
+  readonly missing: number;
+  /** Asks for the light of the scene's lights and emissive materials. */
+  update(change?: { sky?: Rgb }): void;
   dispose(): void;
 }

@@ -13,6 +13,8 @@ import {
   Vector3,
 } from "three";
 
+import { PatchlightWorkers } from "./workers.js";
+
 /** Corners this close, as a share of the scene's size, are one. */
 const SAME = 1e-5;
 /** The channel of texture coordinates that lightmaps have in three. */
@@ -50,6 +52,39 @@ export function lightsOf(scene) {
     }
   });
   return lights;
+}
+
+/** The meshes of a three scene with their materials, the lights and an even sky, as `Baker.of` takes them. */
+export function sceneOf(scene, { sky } = {}) {
+  scene.updateMatrixWorld();
+  const meshes = [];
+  const numbers = new Map();
+  const materials = [];
+  const numberOf = (material) => {
+    if (!numbers.has(material)) {
+      numbers.set(material, materials.length);
+      const reflectance = rgb(material.color ?? { r: 0.5, g: 0.5, b: 0.5 }, 1).map((x) => Math.min(x, 0.95));
+      const radiance = material.emissive ? rgb(material.emissive, material.emissiveIntensity ?? 1) : [0, 0, 0];
+      materials.push({ reflectance, radiance });
+    }
+    return numbers.get(material);
+  };
+  scene.traverseVisible((object) => {
+    if (!object.isMesh || object.material?.transparent) {
+      return;
+    }
+    const all = Array.isArray(object.material) ? object.material : [object.material];
+    const geometry = object.geometry.clone().applyMatrix4(object.matrixWorld);
+    const { array: positions, count } = geometry.getAttribute("position");
+    const normals = geometry.getAttribute("normal")?.array ?? [];
+    const indices = geometry.index ? Array.from(geometry.index.array) : [...Array(count).keys()];
+    const groups = geometry.groups.length && all.length > 1 ? geometry.groups : [{ start: 0, count: indices.length, materialIndex: 0 }];
+    for (const { start, count, materialIndex } of groups) {
+      const own = indices.slice(start, start + count);
+      meshes.push({ name: object.name, positions, normals, indices: own, material: numberOf(all[materialIndex]) });
+    }
+  });
+  return { materials, meshes, lights: lightsOf(scene), sky, of: [...numbers.keys()] };
 }
 
 /** The triangles of a bake by their corners. */
@@ -97,6 +132,135 @@ class Corners {
   }
 }
 
+/** A picture of half floats. */
+function lightmapTexture(width, height) {
+  const texture = new DataTexture(new Uint16Array(4 * width * height), width, height, RGBAFormat, HalfFloatType);
+  Object.assign(texture, { magFilter: LinearFilter, minFilter: LinearFilter, channel: CHANNEL });
+  return Object.assign(texture, { wrapS: ClampToEdgeWrapping, wrapT: ClampToEdgeWrapping, generateMipmaps: false });
+}
+
+/** Writes irradiance, RGB, into such a picture. */
+function write(texture, irradiance) {
+  const { data } = texture.image;
+  const one = DataUtils.toHalfFloat(1);
+  for (let texel = 0; texel < irradiance.length / 3; texel++) {
+    for (let channel = 0; channel < 3; channel++) {
+      data[4 * texel + channel] = DataUtils.toHalfFloat(Math.min(irradiance[3 * texel + channel], 65504));
+    }
+    data[4 * texel + 3] = one;
+  }
+  texture.needsUpdate = true;
+}
+
+/** What meshes were before they had a lightmap. */
+const originals = new WeakMap();
+
+/** Gives the meshes of a scene their places in a lightmap: how many of their triangles the bake has, and how many not. */
+function attach(scene, triangles, uvs, texture, clone) {
+  const corners = new Corners(triangles);
+  const materials = new Map();
+  const lit = (material) => {
+    if (!materials.has(material)) {
+      const own = clone ? material.clone() : material;
+      own.lightMap = texture;
+      own.lightMapIntensity = 1;
+      own.needsUpdate = true;
+      materials.set(material, own);
+    }
+    return materials.get(material);
+  };
+  let [found, missing] = [0, 0];
+  scene.updateMatrixWorld();
+  const meshes = [];
+  scene.traverse((object) => object.isMesh && meshes.push(object));
+  for (const mesh of meshes) {
+    const before = originals.get(mesh) ?? { geometry: mesh.geometry, material: mesh.material };
+    const geometry = before.geometry.index ? before.geometry.toNonIndexed() : before.geometry.clone();
+    const positions = geometry.getAttribute("position");
+    const own = new Float32Array(2 * positions.count);
+    const at = new Vector3();
+    let ownFound = 0;
+    for (let vertex = 0; vertex + 2 < positions.count; vertex += 3) {
+      const world = [0, 1, 2].map((k) => at.fromBufferAttribute(positions, vertex + k).applyMatrix4(mesh.matrixWorld).toArray());
+      const same = corners.find(world);
+      const first = same && 6 * same.triangle;
+      if (same === undefined || Number.isNaN(uvs[first])) {
+        missing++;
+        continue;
+      }
+      ownFound++;
+      for (let k = 0; k < 3; k++) {
+        const from = first + 2 * ((same.first + k) % 3);
+        own.set([uvs[from], uvs[from + 1]], 2 * (vertex + k));
+      }
+    }
+    found += ownFound;
+    if (ownFound > 0) {
+      originals.set(mesh, before);
+      geometry.setAttribute(`uv${CHANNEL}`, new BufferAttribute(own, 2));
+      mesh.geometry = geometry;
+      mesh.material = Array.isArray(before.material) ? before.material.map(lit) : lit(before.material);
+    }
+  }
+  return { found, missing };
+}
+
+/**
+ * Lightmaps of a three scene that nobody has baked: workers do, coarse at once and then finer, while the page goes on. `update` asks for
+ * the light of the scene's lights and emissive materials; the texture has it when it is found.
+ */
+export class LiveLightmaps {
+  #scene;
+  #workers;
+  #materials;
+  #clone;
+  #next;
+
+  constructor(scene, { clone = true, sky, onLevel, onLight, ...options } = {}) {
+    this.#scene = scene;
+    this.#clone = clone;
+    const { of, ...own } = sceneOf(scene, { sky });
+    this.#materials = of;
+    /** The texels, shared by all meshes; another one for each level. */
+    this.texture = undefined;
+    const hearLevel = (level) => {
+      this.#next = level;
+      onLevel?.(level);
+    };
+    const hearLight = (light) => {
+      if (this.#next !== undefined) {
+        this.#show(this.#next);
+        this.#next = undefined;
+      }
+      write(this.texture, light.texels);
+      onLight?.(light);
+    };
+    this.#workers = new PatchlightWorkers(own, { ...options, onLevel: hearLevel, onLight: hearLight });
+  }
+
+  #show({ width, height, triangles, uvs }) {
+    this.texture?.dispose();
+    this.texture = lightmapTexture(width, height);
+    Object.assign(this, attach(this.#scene, triangles, uvs, this.texture, this.#clone));
+  }
+
+  /** Asks for the light of now; `sky` W/m²/sr. */
+  update({ sky } = {}) {
+    // The library's material 0 is grey.
+    const emission = {};
+    this.#materials.forEach((material, number) => {
+      emission[number + 1] = material.emissive ? rgb(material.emissive, material.emissiveIntensity ?? 1) : [0, 0, 0];
+    });
+    this.#workers.update({ lights: lightsOf(this.#scene), sky, emission });
+  }
+
+  /** Ends the workers and gives the texture back. */
+  dispose() {
+    this.#workers.free();
+    this.texture?.dispose();
+  }
+}
+
 /**
  * Lightmaps of a three scene that was baked: its meshes get `lightMap`s with the irradiance of all bounces, found anew by
  * `update` under the lights that the scene has then. Direct light is three's own, unless `direct` is true.
@@ -113,73 +277,18 @@ export class PatchlightLightmaps {
     this.#direct = direct;
     const { width, height } = light.makeLightmap(texel);
     /** The texels, shared by all meshes. */
-    this.texture = new DataTexture(new Uint16Array(4 * width * height), width, height, RGBAFormat, HalfFloatType);
-    Object.assign(this.texture, { magFilter: LinearFilter, minFilter: LinearFilter, channel: CHANNEL });
-    Object.assign(this.texture, { wrapS: ClampToEdgeWrapping, wrapT: ClampToEdgeWrapping, generateMipmaps: false });
+    this.texture = lightmapTexture(width, height);
     /** Triangles of the scene that the bake has, and those that it has not: they stay without light. */
-    this.found = 0;
-    this.missing = 0;
-    this.#attach(clone);
-  }
-
-  #attach(clone) {
-    const corners = new Corners(this.#light.triangles());
-    const uvs = this.#light.lightmapUvs();
-    const materials = new Map();
-    const lit = (material) => {
-      if (!materials.has(material)) {
-        const own = clone ? material.clone() : material;
-        own.lightMap = this.texture;
-        own.lightMapIntensity = 1;
-        materials.set(material, own);
-      }
-      return materials.get(material);
-    };
-    this.#scene.updateMatrixWorld();
-    const meshes = [];
-    this.#scene.traverse((object) => object.isMesh && meshes.push(object));
-    for (const mesh of meshes) {
-      const geometry = mesh.geometry.index ? mesh.geometry.toNonIndexed() : mesh.geometry.clone();
-      const positions = geometry.getAttribute("position");
-      const own = new Float32Array(2 * positions.count);
-      const at = new Vector3();
-      let found = 0;
-      for (let vertex = 0; vertex + 2 < positions.count; vertex += 3) {
-        const world = [0, 1, 2].map((k) => at.fromBufferAttribute(positions, vertex + k).applyMatrix4(mesh.matrixWorld).toArray());
-        const same = corners.find(world);
-        const first = same && 6 * same.triangle;
-        if (same === undefined || Number.isNaN(uvs[first])) {
-          this.missing++;
-          continue;
-        }
-        found++;
-        for (let k = 0; k < 3; k++) {
-          const from = first + 2 * ((same.first + k) % 3);
-          own.set([uvs[from], uvs[from + 1]], 2 * (vertex + k));
-        }
-      }
-      this.found += found;
-      if (found > 0) {
-        geometry.setAttribute(`uv${CHANNEL}`, new BufferAttribute(own, 2));
-        mesh.geometry = geometry;
-        mesh.material = Array.isArray(mesh.material) ? mesh.material.map(lit) : lit(mesh.material);
-      }
-    }
+    const { found, missing } = attach(scene, light.triangles(), light.lightmapUvs(), this.texture, clone);
+    this.found = found;
+    this.missing = missing;
   }
 
   /** Finds the light of the scene's lights; `sky` W/m²/sr, `emission` by the material's number in the bake. */
   update({ sky, emission } = {}) {
     this.#light.update({ lights: lightsOf(this.#scene), sky, emission });
     const irradiance = this.#light.lightmap({ direct: this.#direct });
-    const { data } = this.texture.image;
-    const one = DataUtils.toHalfFloat(1);
-    for (let texel = 0; texel < irradiance.length / 3; texel++) {
-      for (let channel = 0; channel < 3; channel++) {
-        data[4 * texel + channel] = DataUtils.toHalfFloat(Math.min(irradiance[3 * texel + channel], 65504));
-      }
-      data[4 * texel + 3] = one;
-    }
-    this.texture.needsUpdate = true;
+    write(this.texture, irradiance);
     this.#probes?.read(this.#light);
   }
 

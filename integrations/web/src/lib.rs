@@ -2,9 +2,13 @@
 //!
 //! `js/index.js` is what a page uses; it builds the tables of lights and makes typed arrays of what is here.
 
+#[cfg(feature = "bake")]
+mod baker;
 mod field;
 mod lights;
 
+#[cfg(feature = "bake")]
+pub use baker::{Baker, Listener};
 pub use field::LightField;
 pub use lights::LIGHT_NUMBERS;
 
