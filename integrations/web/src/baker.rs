@@ -164,7 +164,7 @@ mod tests {
         assert!(baker.level(0, "classic", None).err().unwrap().contains("begin"));
         let mut lamp = [0.0; crate::LIGHT_NUMBERS];
         lamp[..7].copy_from_slice(&[1.0, 1.0, 1.0, 1.0, 0.5, 0.5, 0.5]);
-        let count = baker.begin(&lamp, &[0.0; 3], 200).unwrap();
+        let count = baker.begin(&lamp, &[0.0; 3], 300).unwrap();
         assert!(count > 1 && baker.add_mesh("late", &floor, &indices, &[], red).unwrap_err().contains("being baked"));
         let mut coarse = baker.level(0, "classic", None).unwrap();
         let mut fine = baker.level(count - 1, "classic", None).unwrap();
