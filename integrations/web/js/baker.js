@@ -1,21 +1,11 @@
 // Bakes scenes of arrays. The module that does is another one than that of `index.js`, and half as large again.
 
 import init, { Baker as OwnBaker } from "./bake/patchlight.js";
-import { Patchlight, failing, rows } from "./index.js";
+import { Patchlight, failing, loader, rows } from "./index.js";
 
 const NOWHERE = [0, 0, 0];
 
-let loading;
-
-/** The module, loaded once: from `source` (a URL, a response or bytes), or from the file beside this one. */
-function load(source) {
-  const own = source ?? new URL("bake/patchlight_bg.wasm", import.meta.url);
-  loading ??= init({ module_or_path: own }).catch((error) => {
-    loading = undefined;
-    throw error;
-  });
-  return loading;
-}
+const load = loader(init, new URL("bake/patchlight_bg.wasm", import.meta.url));
 
 /** Bakes a scene of arrays where it runs: in a worker, so that the page goes on. */
 export class Baker {

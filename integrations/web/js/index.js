@@ -6,17 +6,19 @@ const LIGHT_NUMBERS = 16;
 const KINDS = { sun: 0, point: 1, spot: 2, rectangle: 3 };
 const NOWHERE = [0, 0, 0];
 
-let loading;
-
-/** The module, loaded once: from `source` (a URL, a response or bytes), or from the file beside this one. */
-function load(source) {
-  const own = source ?? new URL("patchlight_bg.wasm", import.meta.url);
-  loading ??= init({ module_or_path: own }).catch((error) => {
-    loading = undefined;
-    throw error;
-  });
-  return loading;
+/** Loads a module once: from `source` (a URL, a response or bytes), or else from `own`. @internal */
+export function loader(init, own) {
+  let loading;
+  return (source = own) => {
+    loading ??= init({ module_or_path: source }).catch((error) => {
+      loading = undefined;
+      throw error;
+    });
+    return loading;
+  };
 }
+
+const load = loader(init, new URL("patchlight_bg.wasm", import.meta.url));
 
 /** A light as a row of numbers. */
 function row(light, index) {
