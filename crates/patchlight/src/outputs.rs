@@ -4,9 +4,14 @@
 //! show, interpolated between the receivers; in the air it is gathered by rays from each probe. Direct light is added
 //! by shadow rays.
 
+pub mod lightmap;
 pub mod live;
 pub mod planes;
 pub mod probes;
+pub mod surroundings;
+
+use std::borrow::Cow;
+use std::sync::Arc;
 
 use glam::{Vec3, Vec4};
 use patches::{LightmapTexels, VoxelVolume};
@@ -16,7 +21,9 @@ use scene::kernel::bvh::FAR;
 use scene::kernel::camera::{camera_direction, surface_point};
 use scene::math::luminance;
 use scene::sampling::{cosine_hemisphere, hammersley, hash3};
-use scene::{Camera, Hit, LUMENS_PER_WATT, NONE, ReceiverSet as _, Scene, Sides, SurfacePoint, Visibility as _};
+use scene::{
+    Camera, Hit, LUMENS_PER_WATT, Lighting, NONE, ReceiverSet as _, Scene, Sides, SurfacePoint, Visibility as _,
+};
 use transport::kernel::grid::{cell_count, interpolate_receivers};
 use transport::kernel::view::vertices_at;
 
@@ -24,9 +31,11 @@ use crate::bake::{Bake, ReceiverKind, direct_params};
 use crate::error::{Error, Reason};
 use crate::light::LightField;
 
+pub use lightmap::LiveLightmap;
 pub use live::LiveProbes;
 pub use planes::{CalculationPlane, PlaneKind, PlaneLight};
 pub use probes::ProbeVolume;
+pub use surroundings::Surroundings;
 
 /// Shadow rays to each area light.
 const AREA_RAYS: u32 = 64;
@@ -45,6 +54,9 @@ pub enum LightPart {
     /// Direct and indirect.
     #[default]
     Full,
+    /// All but the direct light of lights: for engines that light by lamps and the sun themselves, yet know nothing of
+    /// surfaces that shine and of skies.
+    WithoutLights,
     /// Reflected at least once: for engines that light directly themselves.
     Indirect,
 }
@@ -106,7 +118,8 @@ pub fn at_corners(field: &mut LightField, part: LightPart, front: bool) -> Resul
     let lit: Vec<usize> = (0..corners.len()).filter(|&triangle| is_lit(&sides[triangle])).collect();
     let points: Vec<SurfacePoint> =
         lit.iter().flat_map(|&triangle| corner_points(field.scene(), triangle as u32, front)).collect();
-    let direct = direct(field.scene(), &points, 1);
+    let lit_scene = lit_by(field.scene(), part)?;
+    let direct = direct(&lit_scene, &points, 1);
     for (&triangle, direct) in lit.iter().zip(direct.chunks_exact(3)) {
         corners[triangle].iter_mut().zip(direct).for_each(|(sum, direct)| *sum += *direct);
     }
@@ -126,16 +139,11 @@ pub fn on_lightmap(field: &mut LightField, lightmap: &LightmapTexels, part: Ligh
         interpolate_receivers(&mesh.grids, &mesh.cells, &mesh.vertices, &indirect, *place, front)
     };
     let mut values: Vec<Vec4> = lightmap.places.par_iter().zip(lightmap.points()).map(at).collect();
-    if part == LightPart::Full {
-        let scene = field.scene();
-        for (block, values) in (0..).zip(values.chunks_mut(TEXEL_BLOCK)) {
-            let receivers = block * TEXEL_BLOCK..block * TEXEL_BLOCK + values.len();
-            let taps: Vec<SurfacePoint> = receivers.filter_map(|k| lightmap.taps(scene, k)).flatten().collect();
-            let direct = direct(scene, &taps, 4);
-            values.iter_mut().zip(direct.chunks_exact(4)).for_each(|(sum, taps)| {
-                *sum += (0.25 * taps.iter().sum::<Vec3>()).extend(0.0);
-            });
-        }
+    if part != LightPart::Indirect {
+        let mut direct = vec![Vec3::ZERO; values.len()];
+        let lit_scene = lit_by(field.scene(), part)?;
+        add_at_taps(&lit_scene, lightmap, &mut direct);
+        values.iter_mut().zip(direct).for_each(|(sum, direct)| *sum += direct.extend(0.0));
     }
     Ok(values)
 }
@@ -147,7 +155,7 @@ pub fn on_lightmap(field: &mut LightField, lightmap: &LightmapTexels, part: Ligh
 pub fn in_volume(field: &mut LightField, volume: &VoxelVolume, part: LightPart) -> Result<Vec<Vec4>, Error> {
     let indirect = field.irradiance_at(volume.points())?;
     let mut values: Vec<Vec4> = indirect.iter().map(|h| h.extend(0.0)).collect();
-    add_direct(field.scene(), volume.points(), part, &mut values);
+    add_direct(field.scene(), volume.points(), part, &mut values)?;
     Ok(values)
 }
 
@@ -173,7 +181,7 @@ pub fn on_view(field: &mut LightField, camera: &Camera, part: LightPart) -> Resu
             (interpolate_receivers(&mesh.grids, &mesh.cells, &mesh.vertices, &indirect, hit, front), point)
         })
         .unzip();
-    add_direct(scene, &points, part, &mut values);
+    add_direct(scene, &points, part, &mut values)?;
     Ok(values.iter().map(|e| e.truncate()).collect())
 }
 
@@ -198,10 +206,35 @@ fn direct(scene: &Scene, points: &[SurfacePoint], together: u32) -> Vec<Vec3> {
     scene.direct_irradiance(&params, points)
 }
 
-fn add_direct(scene: &Scene, points: &[SurfacePoint], part: LightPart, values: &mut [Vec4]) {
-    if part == LightPart::Full {
-        values.iter_mut().zip(direct(scene, points, 1)).for_each(|(sum, direct)| *sum += direct.extend(0.0));
+/// Adds the direct light at the receivers of a lightmap on a scene, each the mean of four places about it.
+fn add_at_taps(scene: &Scene, lightmap: &LightmapTexels, values: &mut [Vec3]) {
+    for (block, values) in (0..).zip(values.chunks_mut(TEXEL_BLOCK)) {
+        let receivers = block * TEXEL_BLOCK..block * TEXEL_BLOCK + values.len();
+        let taps: Vec<SurfacePoint> = receivers.filter_map(|k| lightmap.taps(scene, k)).flatten().collect();
+        let direct = direct(scene, &taps, 4);
+        values.iter_mut().zip(direct.chunks_exact(4)).for_each(|(sum, taps)| *sum += 0.25 * taps.iter().sum::<Vec3>());
     }
+}
+
+/// A scene under the part of its light that is asked for directly.
+fn lit_by(scene: &Scene, part: LightPart) -> Result<Cow<'_, Scene>, Error> {
+    Ok(match part {
+        LightPart::Full => Cow::Borrowed(scene),
+        LightPart::WithoutLights => {
+            let lighting = Lighting { lights: Vec::new(), ..scene.lighting.clone() };
+            Cow::Owned(Scene::under(Arc::clone(&scene.geometry), lighting)?)
+        }
+        LightPart::Indirect => Cow::Owned(Scene::under(Arc::clone(&scene.geometry), Lighting::default())?),
+    })
+}
+
+fn add_direct(scene: &Scene, points: &[SurfacePoint], part: LightPart, values: &mut [Vec4]) -> Result<(), Error> {
+    if part != LightPart::Indirect {
+        let lit_scene = lit_by(scene, part)?;
+        let direct = direct(&lit_scene, points, 1);
+        values.iter_mut().zip(direct).for_each(|(sum, direct)| *sum += direct.extend(0.0));
+    }
+    Ok(())
 }
 
 /// Places near the corners of a side.

@@ -107,6 +107,12 @@ pub(crate) fn affine(transform: &BevyAffine) -> Affine3A {
 }
 
 impl MeshParts {
+    /// Corners of its triangles in the world, m.
+    pub fn corners(&self) -> impl Iterator<Item = [Vec3; 3]> {
+        let place = |&vertex: &u32| self.transform.transform_point3(self.positions[vertex as usize]);
+        self.indices.chunks_exact(3).map(move |own| [place(&own[0]), place(&own[1]), place(&own[2])])
+    }
+
     /// The same for the library, of a material with this number.
     pub fn mesh(&self, transform: Affine3A) -> Mesh<'_> {
         Mesh {

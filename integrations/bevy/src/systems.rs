@@ -20,11 +20,12 @@ use bevy::tasks::futures::check_ready;
 use bevy::tasks::{AsyncComputeTaskPool, Task, block_on};
 use patchlight::bake::{Bake, BakeSettings};
 use patchlight::glam::Affine3A;
+use patchlight::outputs::LiveLightmap;
 use patchlight::{BakeJob, LightSettings, Refinement};
 
 use crate::baked::{PatchlightBake, hash};
 use crate::gather::{MeshParts, Snapshot, affine, parts};
-use crate::layout::Layout;
+use crate::layout::{self, lit_mesh};
 use crate::lights::{Lamps, LampsNow, Which};
 use crate::sky::SkyMap;
 use crate::upload::Tiles;
@@ -39,7 +40,7 @@ pub(crate) struct State {
     /// True if the meshes that rest may have changed.
     is_dirty: bool,
     revision: u32,
-    preparing: Option<(Task<Result<Prepared, String>>, Snapshot)>,
+    preparing: Option<(Task<Result<(Prepared, LiveLightmap), String>>, Snapshot)>,
     lit: Option<Lit>,
     /// Meshes that are lit.
     entities: HashSet<Entity>,
@@ -187,13 +188,18 @@ pub(crate) fn watch(
     state.preparing = Some((AsyncComputeTaskPool::get().spawn(prepare), snapshot));
 }
 
-fn prepare(snapshot: &Snapshot, lighting: patchlight::Lighting, texel: f32) -> Result<Prepared, String> {
+fn prepare(
+    snapshot: &Snapshot,
+    lighting: patchlight::Lighting,
+    texel: f32,
+) -> Result<(Prepared, LiveLightmap), String> {
     let scene = snapshot.scene(lighting).map_err(|error| error.to_string())?;
-    let layout = Layout::new(&scene, snapshot, texel).map_err(|error| {
+    let lightmap = layout::lightmap(&scene, snapshot, texel).map_err(|error| {
         format!("{error}; a larger PatchlightSettings::texel than {texel} m makes a smaller lightmap")
     })?;
+    let uvs = layout::corner_uvs(&lightmap, snapshot);
     let hash = hash(&scene);
-    Ok(Prepared { scene, layout, hash })
+    Ok((Prepared { scene, uvs, hash }, lightmap))
 }
 
 /// Begins the bake of a prepared scene and takes bakes as they come; puts the lightmap onto its meshes once there is light in
@@ -215,11 +221,12 @@ pub(crate) fn follow(
         match done {
             None => state.preparing = Some((task, snapshot)),
             Some(Err(error)) => fail(&mut status, &error),
-            Some(Ok(prepared)) => {
-                let lightmap = images.add(lightmap_image(prepared.layout.size()));
-                status.lightmap_size = prepared.layout.size();
+            Some(Ok((prepared, lightmap))) => {
+                let size = layout::size(&lightmap);
+                let image = images.add(lightmap_image(size));
+                status.lightmap_size = size;
                 let volume = state.lit.take().and_then(|before| before.volume);
-                match Lit::new(snapshot, prepared, lightmap, &settings) {
+                match Lit::new(snapshot, prepared, (lightmap, image), &settings) {
                     Ok(lit) => state.lit = Some(Lit { volume, ..lit }),
                     Err(error) => fail(&mut status, &error.to_string()),
                 }
@@ -238,7 +245,7 @@ pub(crate) fn follow(
         for (number, own) in lit.snapshot.meshes.iter().enumerate() {
             let Ok((mesh, material, original)) = entities.get(own.entity) else { continue };
             let before = original.map_or(&mesh.0, |original| &original.mesh).clone();
-            let Some(new) = meshes.get(&before).map(|mesh| lit.prepared.layout.lit_mesh(number, mesh)) else {
+            let Some(new) = meshes.get(&before).map(|mesh| lit_mesh(mesh, &lit.prepared.uvs[number])) else {
                 continue;
             };
             let new = meshes.add(new);
@@ -292,7 +299,7 @@ impl Lit {
     fn new(
         snapshot: Snapshot,
         prepared: Prepared,
-        lightmap: Handle<Image>,
+        (lightmap, image): (LiveLightmap, Handle<Image>),
         settings: &PatchlightSettings,
     ) -> Result<Self, patchlight::Error> {
         let prepared = Arc::new(prepared);
@@ -301,7 +308,7 @@ impl Lit {
             None => Source::Job(begin(&prepared, settings)?),
         };
         let light = LightSettings::default().with_method(settings.method.clone());
-        let work = Work::new(Arc::clone(&prepared), light, settings.device.clone(), settings.probe_count);
+        let work = Work::new(Arc::clone(&prepared), lightmap, light, settings);
         Ok(Self {
             snapshot,
             prepared,
@@ -310,7 +317,7 @@ impl Lit {
             task: None,
             new_bake: None,
             last: None,
-            lightmap,
+            lightmap: image,
             texels: Vec::new(),
             has_light: false,
             is_shown: false,

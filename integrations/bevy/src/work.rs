@@ -10,15 +10,16 @@ use patches::kernel::volume::CUBE_SIDES;
 use patches::types::EMPTY_CELL;
 use patches::{VolumeSettings, VolumeSize, VoxelVolume};
 use patchlight::glam::{Affine3A, Vec3};
-use patchlight::outputs::is_lit;
+use patchlight::outputs::{LightPart, LiveLightmap, Surroundings, is_lit};
 use patchlight::scene::ReceiverSet as _;
 use patchlight::{
     Bake, DeviceChoice, Error, LightField, LightSettings, Lighting, ObjectId, Point, PointKind, PointSet, Scene,
     Silent, open,
 };
 
+use crate::PatchlightSettings;
 use crate::gather::MeshParts;
-use crate::layout::{Layout, Rows, Surroundings, half_texel};
+use crate::layout::{half_texel, picture};
 use crate::lights::LampsNow;
 
 /// Rays to what shines from each texel and probe, while a bake goes on and after it.
@@ -27,10 +28,11 @@ const MANY_RAYS: u32 = 256;
 /// Rays of each side of a probe.
 const PROBE_RAYS: u32 = 256;
 
-/// A scene with the places of its lightmap.
+/// A scene with the places of its meshes in the lightmap.
 pub(crate) struct Prepared {
     pub scene: Scene,
-    pub layout: Layout,
+    /// Second texture coordinates of each mesh.
+    pub uvs: Vec<Vec<[f32; 2]>>,
     /// Tells this scene from others.
     pub hash: [u8; 32],
 }
@@ -78,9 +80,8 @@ pub(crate) struct Work {
     device: DeviceChoice,
     probe_count: u32,
     field: Option<LightField>,
-    rows: Rows,
+    lightmap: LiveLightmap,
     probes: Option<Probes>,
-    surroundings: Surroundings,
     objects: HashMap<Entity, ObjectId>,
 }
 
@@ -91,16 +92,21 @@ struct Probes {
 }
 
 impl Work {
-    pub fn new(prepared: Arc<Prepared>, settings: LightSettings, device: DeviceChoice, probe_count: u32) -> Self {
+    pub fn new(
+        prepared: Arc<Prepared>,
+        mut lightmap: LiveLightmap,
+        light: LightSettings,
+        settings: &PatchlightSettings,
+    ) -> Self {
+        lightmap.set_rays(FEW_RAYS);
         Self {
             prepared,
-            settings: settings.with_point_rays(PROBE_RAYS),
-            device,
-            probe_count,
+            settings: light.with_point_rays(PROBE_RAYS),
+            device: settings.device.clone(),
+            probe_count: settings.probe_count,
             field: None,
-            rows: Rows::default(),
+            lightmap,
             probes: None,
-            surroundings: Surroundings::with_rays(FEW_RAYS),
             objects: HashMap::new(),
         }
     }
@@ -124,12 +130,11 @@ impl Work {
         let lighting = &order.lamps.lighting;
         let update = Instant::now();
         field.update(lighting)?;
-        let irradiance = field.surface_irradiance()?;
+        let surface = field.surface_irradiance()?;
         let seconds = update.elapsed().as_secs_f32();
-        let mut values = self.rows.gather(&irradiance);
+        let values = self.lightmap.irradiance_of(field, &surface, LightPart::WithoutLights)?;
+        let lightmap = picture(&self.lightmap, &values);
         let scene = &self.prepared.scene;
-        self.surroundings.add(scene, self.prepared.layout.points(), lighting, &mut values);
-        let lightmap = self.prepared.layout.picture(&values);
         let probes = match &mut self.probes {
             Some(probes) => Some(probes.texels(field, scene, &order.lamps)?),
             None => None,
@@ -153,9 +158,8 @@ impl Work {
                 field
             }
         };
-        self.rows = Rows::new(&self.prepared.layout, field.bake());
         if is_last {
-            self.surroundings = Surroundings::with_rays(MANY_RAYS);
+            self.lightmap.set_rays(MANY_RAYS);
             if let Some(probes) = &mut self.probes {
                 probes.surroundings = Surroundings::with_rays(MANY_RAYS);
             }
@@ -212,7 +216,7 @@ impl Probes {
             // Bevy adds it.
             lighting.sky = Default::default();
         }
-        self.surroundings.add(scene, self.volume.points(), &lighting, &mut cubes);
+        self.surroundings.add(scene, self.volume.points(), &lighting, &mut cubes)?;
         let shape = self.volume.params.shape;
         let counts = [shape.count_x, shape.count_y, shape.count_z];
         let size = [counts[0], 2 * counts[1], 3 * counts[2]];

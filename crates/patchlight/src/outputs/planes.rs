@@ -69,7 +69,7 @@ impl CalculationPlane {
             .map(|(k, normal)| SurfacePoint { position: places[k], patch: NONE, normal, weight: 1.0 })
             .collect();
         let mut values: Vec<Vec4> = field.irradiance_at(&points)?.iter().map(|e| e.extend(0.0)).collect();
-        add_direct(field.scene(), &points, LightPart::Full, &mut values);
+        add_direct(field.scene(), &points, LightPart::Full, &mut values)?;
         for (&k, values) in open.iter().zip(values.chunks_exact(normals.len())) {
             let sum: f32 = values.iter().map(|e| illuminance(e.truncate())).sum();
             light.lux[k] = Some(sum / normals.len() as f32);

@@ -1,0 +1,235 @@
+//! A lightmap on the triangles of a scene as it was before its bake.
+
+use std::collections::VecDeque;
+use std::sync::{Arc, Weak};
+
+use glam::{Vec2, Vec3};
+use patches::LightmapTexels;
+use rayon::prelude::*;
+use scene::sampling::hash3;
+use scene::{
+    Lighting, NONE, POINT_WALKS, ReceiverSet as _, Scene, SidePolicy, Sides, SurfacePoint, find_sides, is_open,
+};
+use transport::kernel::view::vertices_at;
+
+use super::{LightPart, Surroundings, add_at_taps};
+use crate::bake::{Bake, ReceiverKind};
+use crate::error::{Error, Reason};
+use crate::light::LightField;
+
+/// Texels look for the bake's surface from so many ray offsets above it, and then from farther.
+const LIFTS: [f32; 3] = [2.0, 16.0, 128.0];
+/// Rays from a texel to each material that shines, and to the sky.
+const RAYS: u32 = 64;
+
+/// A lightmap that follows a light field from update to update, and from bake to bake of the same scene. Its charts lie
+/// on the triangles of the scene that an engine draws; those of a bake are cut where something stands on them. Each
+/// texel takes its indirect light from three interpolation points of the bake, which a short ray finds once for each
+/// bake. Texels to which light comes but none of the bake's receivers take the nearest of the others.
+///
+/// An update costs three reads and additions a texel, and shadow rays to lights for [`LightPart::Full`].
+pub struct LiveLightmap {
+    scene: Scene,
+    texels: LightmapTexels,
+    /// The receiver of each texel.
+    shown: Vec<u32>,
+    bake: Weak<Bake>,
+    rows: Vec<Row>,
+    surroundings: Surroundings,
+}
+
+/// Interpolation points and their weights.
+type Row = ([u32; 3], [f32; 3]);
+
+impl LiveLightmap {
+    /// Lays out the sides of a scene to which light comes, with square texels of `texel` m.
+    ///
+    /// # Errors
+    /// A texel that is not positive; more texels than an atlas has.
+    pub fn new(scene: &Scene, texel: f32) -> Result<Self, Error> {
+        Self::of_sides(scene, &find_sides(scene, SidePolicy::Lit), texel)
+    }
+
+    /// Lays out these sides, one entry a triangle: for meshes that have one place for both sides of a triangle, or are
+    /// drawn from one.
+    ///
+    /// # Errors
+    /// As [`Self::new`]; a wrong number of sides.
+    pub fn of_sides(scene: &Scene, sides: &[Sides], texel: f32) -> Result<Self, Error> {
+        let is_lit = |point: &SurfacePoint| {
+            let [x, y, z] = point.position.to_array().map(f32::to_bits);
+            is_open(scene, point, POINT_WALKS, hash3(x, y, z))
+        };
+        let texels = LightmapTexels::new(scene, sides, texel, &is_lit)?;
+        let shown = spread_texels(&texels);
+        let surroundings = Surroundings::with_rays(RAYS);
+        Ok(Self { scene: scene.clone(), texels, shown, bake: Weak::new(), rows: Vec::new(), surroundings })
+    }
+
+    /// With so many rays to each material that shines and to the sky, traced anew: few while bakes follow each other,
+    /// more after the last.
+    pub fn set_rays(&mut self, rays: u32) {
+        self.surroundings = Surroundings::with_rays(rays);
+    }
+
+    /// The scene on which it lies.
+    pub fn scene(&self) -> &Scene {
+        &self.scene
+    }
+
+    /// Its charts and receivers.
+    pub fn texels(&self) -> &LightmapTexels {
+        &self.texels
+    }
+
+    /// Texels of a row, and rows.
+    pub fn size(&self) -> (u32, u32) {
+        (self.texels.params.width, self.texels.params.height)
+    }
+
+    /// The receiver of each texel, row by row: between charts that of the nearest texel, since drawing reaches beyond
+    /// the edges of triangles that are seen at a slant. [`NONE`] in a lightmap without any.
+    pub fn shown(&self) -> &[u32] {
+        &self.shown
+    }
+
+    /// Texture coordinates in [0, 1]² of the corners of triangles, in the order in which they were given to the scene's
+    /// builder, for vertices that are not shared. `corners` has their positions: a builder turns triangles that are
+    /// wound against their normals. A triangle has its front's place, or its back's where only that has one; `None`
+    /// where no light comes to it.
+    pub fn corner_uvs(&self, corners: &[[Vec3; 3]]) -> Vec<Option<[Vec2; 3]>> {
+        let mut uvs = vec![None; corners.len()];
+        for (number, triangle) in (0..).zip(&self.scene.geometry.triangles) {
+            let source = triangle.source as usize;
+            let Some(uv) = self.texels.uv(number, true).or_else(|| self.texels.uv(number, false)) else { continue };
+            let (Some(place), Some([first, second, third])) = (uvs.get_mut(source), corners.get(source)) else {
+                continue;
+            };
+            let edge = triangle.edge_a;
+            let is_turned = (*third - *first).distance_squared(edge) < (*second - *first).distance_squared(edge);
+            let [a, b] = if is_turned { [uv.corner_b, uv.corner_a] } else { [uv.corner_a, uv.corner_b] };
+            *place = Some([uv.corner, a, b]);
+        }
+        uvs
+    }
+
+    /// Irradiance at the receivers after the last update, W/m². Waits for it.
+    ///
+    /// # Errors
+    /// [`Unsupported`](crate::ErrorKind::Unsupported) unless receivers are on the mesh; a lighting that does not fit
+    /// the scene; what the device says.
+    pub fn irradiance(&mut self, field: &mut LightField, part: LightPart) -> Result<Vec<Vec3>, Error> {
+        let surface = field.surface_irradiance()?;
+        self.irradiance_of(field, &surface, part)
+    }
+
+    /// As [`Self::irradiance`], of what [`LightField::surface_irradiance`] has read already.
+    ///
+    /// # Errors
+    /// As [`Self::irradiance`].
+    ///
+    /// # Panics
+    /// If `surface` is of another bake than the field's.
+    pub fn irradiance_of(&mut self, field: &LightField, surface: &[Vec3], part: LightPart) -> Result<Vec<Vec3>, Error> {
+        self.take(field.bake())?;
+        let sum = |(points, weights): &Row| -> Vec3 {
+            points.iter().zip(weights).map(|(&k, &weight)| surface[k as usize] * weight).sum()
+        };
+        let mut values: Vec<Vec3> = self.rows.par_iter().map(sum).collect();
+        if part == LightPart::Indirect {
+            return Ok(values);
+        }
+        let lighting = &field.scene().lighting;
+        self.surroundings.add(&self.scene, self.texels.points(), lighting, &mut values)?;
+        if part == LightPart::Full && !lighting.lights.is_empty() {
+            let emission = vec![Vec3::ZERO; self.scene.geometry.materials.len()];
+            let distributions = Arc::clone(&lighting.distributions);
+            let lights = Lighting { lights: lighting.lights.clone(), emission, distributions, ..Lighting::default() };
+            let lit = Scene::under(Arc::clone(&self.scene.geometry), lights)?;
+            add_at_taps(&lit, &self.texels, &mut values);
+        }
+        Ok(values)
+    }
+
+    /// Irradiance in each texel, row by row, of that at the receivers.
+    pub fn picture(&self, values: &[Vec3]) -> Vec<Vec3> {
+        let texel = |&receiver: &u32| values.get(receiver as usize).copied().unwrap_or(Vec3::ZERO);
+        self.shown.par_iter().map(texel).collect()
+    }
+
+    /// Finds the rows of a bake, unless they are there.
+    fn take(&mut self, bake: &Arc<Bake>) -> Result<(), Error> {
+        if std::ptr::eq(self.bake.as_ptr(), Arc::as_ptr(bake)) {
+            return Ok(());
+        }
+        if bake.settings.receivers != ReceiverKind::Mesh {
+            return Err(Reason::OutputReceivers.into());
+        }
+        let rows: Vec<_> = self.texels.points().par_iter().map(|point| row(bake, point)).collect();
+        let nearest = spread_receivers(&self.texels, &rows.iter().map(Option::is_some).collect::<Vec<_>>());
+        let row = |&k: &u32| rows.get(k as usize).copied().flatten().unwrap_or_default();
+        self.rows = nearest.iter().map(row).collect();
+        self.bake = Arc::downgrade(bake);
+        Ok(())
+    }
+}
+
+/// The interpolation points of a bake about a point on its surface, where light comes to them.
+fn row(bake: &Bake, point: &SurfacePoint) -> Option<Row> {
+    let mesh = &bake.receivers.interpolation;
+    let scene = &bake.scene;
+    LIFTS.iter().find_map(|lift| {
+        let lift = lift * scene.geometry.ray_offset;
+        let hit = scene.closest_before(point.position + point.normal * lift, -point.normal, 2.0 * lift);
+        if hit.is_miss() {
+            return None;
+        }
+        let front = scene.tables().normal(hit.triangle).dot(point.normal) > 0.0;
+        let (points, weights) = vertices_at(&mesh.grids, &mesh.cells, &mesh.vertices, hit, front);
+        (points.x != NONE).then(|| (points.to_array(), weights.to_array()))
+    })
+}
+
+/// The four texels beside one; some may lie beyond the picture, or at the other end of a row.
+fn beside(texel: usize, width: u32) -> [usize; 4] {
+    let width = width as usize;
+    [texel.wrapping_sub(1), texel + 1, texel.wrapping_sub(width), texel + width]
+}
+
+/// The receivers of all texels: empty ones take that of the nearest.
+fn spread_texels(texels: &LightmapTexels) -> Vec<u32> {
+    let mut all = texels.texels.clone();
+    let mut queue: VecDeque<usize> = (0..all.len()).filter(|&texel| all[texel] != NONE).collect();
+    while let Some(texel) = queue.pop_front() {
+        for next in beside(texel, texels.params.width) {
+            if all.get(next) == Some(&NONE) {
+                all[next] = all[texel];
+                queue.push_back(next);
+            }
+        }
+    }
+    all
+}
+
+/// For each receiver itself where it has light, else the nearest that has, from texel to texel; [`NONE`] without one.
+fn spread_receivers(texels: &LightmapTexels, has_light: &[bool]) -> Vec<u32> {
+    let mut from: Vec<u32> = (0..).zip(has_light).map(|(k, &has)| if has { k } else { NONE }).collect();
+    if !has_light.contains(&false) {
+        return from;
+    }
+    let receiver = |texel: usize| texels.texels.get(texel).copied().unwrap_or(NONE);
+    let lit = |texel: &usize| has_light.get(receiver(*texel) as usize).copied().unwrap_or(false);
+    let mut queue: VecDeque<usize> = (0..texels.texels.len()).filter(lit).collect();
+    while let Some(texel) = queue.pop_front() {
+        let own = from[receiver(texel) as usize];
+        for next in beside(texel, texels.params.width) {
+            if let Some(place) = from.get_mut(receiver(next) as usize)
+                && *place == NONE
+            {
+                *place = own;
+                queue.push_back(next);
+            }
+        }
+    }
+    from
+}
