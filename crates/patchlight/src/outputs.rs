@@ -142,7 +142,7 @@ pub fn on_lightmap(field: &mut LightField, lightmap: &LightmapTexels, part: Ligh
     if part != LightPart::Indirect {
         let mut direct = vec![Vec3::ZERO; values.len()];
         let lit_scene = lit_by(field.scene(), part)?;
-        add_at_taps(&lit_scene, lightmap, &mut direct);
+        add_at_taps(&lit_scene, (field.scene(), lightmap), &mut direct);
         values.iter_mut().zip(direct).for_each(|(sum, direct)| *sum += direct.extend(0.0));
     }
     Ok(values)
@@ -206,11 +206,12 @@ fn direct(scene: &Scene, points: &[SurfacePoint], together: u32) -> Vec<Vec3> {
     scene.direct_irradiance(&params, points)
 }
 
-/// Adds the direct light at the receivers of a lightmap on a scene, each the mean of four places about it.
-fn add_at_taps(scene: &Scene, lightmap: &LightmapTexels, values: &mut [Vec3]) {
+/// Adds the direct light of a scene at the receivers of a lightmap, which lies on another or the same: each the mean of
+/// four places about it.
+fn add_at_taps(scene: &Scene, (under, lightmap): (&Scene, &LightmapTexels), values: &mut [Vec3]) {
     for (block, values) in (0..).zip(values.chunks_mut(TEXEL_BLOCK)) {
         let receivers = block * TEXEL_BLOCK..block * TEXEL_BLOCK + values.len();
-        let taps: Vec<SurfacePoint> = receivers.filter_map(|k| lightmap.taps(scene, k)).flatten().collect();
+        let taps: Vec<SurfacePoint> = receivers.filter_map(|k| lightmap.taps(under, k)).flatten().collect();
         let direct = direct(scene, &taps, 4);
         values.iter_mut().zip(direct.chunks_exact(4)).for_each(|(sum, taps)| *sum += 0.25 * taps.iter().sum::<Vec3>());
     }

@@ -15,7 +15,7 @@ use patchlight::{
 };
 use runtime::cpu::Cpu;
 use scene::gpu::{LIGHT_POINT, Triangle, TriangleUv};
-use scene::{Camera, Light, Material, ReceiverSet as _, Scene, SceneParts, Sky, SurfacePoint};
+use scene::{Camera, Light, Material, NONE, ReceiverSet as _, Scene, SceneParts, Sky, SurfacePoint};
 
 /// The Cornell box with the light of its lamp.
 fn lit(receivers: ReceiverKind) -> (PictureRenderer, Arc<Bake>) {
@@ -77,6 +77,38 @@ fn a_live_lightmap_lies_on_the_scene_of_its_user() {
     let picture = lightmap.picture(&values);
     assert_eq!(picture.len(), (lightmap.size().0 * lightmap.size().1) as usize);
     assert!(lightmap.shown().iter().all(|&receiver| (receiver as usize) < values.len()));
+}
+
+#[test]
+fn triangles_of_ones_own_are_laid_out_on_a_bake() {
+    let (mut renderer, bake) = lit(ReceiverKind::Mesh);
+    let scene = procedural::build("cornell").unwrap().scene;
+    let corners = |t: &Triangle| [t.corner, t.corner + t.edge_a, t.corner + t.edge_b];
+    let mut triangles: Vec<[Vec3; 3]> = scene.geometry.triangles.iter().map(corners).collect();
+    // The same from another corner, and one in the air that no bake knows.
+    triangles[3].rotate_left(1);
+    triangles.push([Vec3::splat(0.2), Vec3::new(0.3, 0.2, 0.2), Vec3::new(0.2, 0.3, 0.2)]);
+    let mut lightmap = LiveLightmap::over(&bake, &triangles, 0.05).unwrap();
+    let uvs = lightmap.corner_uvs(&triangles);
+    assert_eq!(uvs.len(), triangles.len());
+    assert!(uvs.last().unwrap().is_none() && uvs.iter().filter(|uvs| uvs.is_some()).count() > 20);
+    let values = lightmap.irradiance(renderer.light_mut(), LightPart::Indirect).unwrap();
+    // Through the texture coordinates, the middle of each triangle has the light that rays gather there.
+    let picture = lightmap.picture(&values);
+    let (width, height) = lightmap.size();
+    let (mut middles, mut shown) = (Vec::new(), Vec::new());
+    for ([a, b, c], uvs) in triangles.iter().zip(&uvs) {
+        let Some([uv, uv_a, uv_b]) = uvs else { continue };
+        let (normal, at) = ((*b - *a).cross(*c - *a).normalize(), (*uv + *uv_a + *uv_b) / 3.0);
+        middles.push(SurfacePoint { position: (*a + *b + *c) / 3.0, patch: NONE, normal, weight: 1.0 });
+        let (x, y) = ((at.x * width as f32) as usize, (at.y * height as f32) as usize);
+        shown.push(picture[x + width as usize * y]);
+    }
+    let exact = renderer.light_mut().irradiance_at(&middles).unwrap();
+    let pairs: Vec<_> = shown.iter().copied().zip(exact.iter().copied()).collect();
+    assert!(difference(&pairs) < 0.05, "{}", difference(&pairs));
+    let wrong: Vec<_> = shown.iter().copied().zip(exact.iter().rev().copied()).collect();
+    assert!(difference(&wrong) > 0.1, "{}", difference(&wrong));
 }
 
 #[test]

@@ -144,20 +144,15 @@ impl Work {
 
     /// Takes another bake.
     fn take(&mut self, bake: &Arc<Bake>, is_last: bool, warnings: &mut Vec<String>) -> Result<(), Error> {
-        let field = match &mut self.field {
-            Some(field) => {
-                field.set_bake(Arc::clone(bake), &Silent)?;
-                field
-            }
+        match &mut self.field {
+            Some(field) => field.set_bake(Arc::clone(bake), &Silent)?,
             empty => {
                 let (executor, note) = open(&self.device)?;
                 warnings.extend(note);
                 let field = LightField::new(Arc::clone(bake), executor, &self.settings, &Silent)?;
-                let field = empty.insert(field);
-                self.probes = Probes::new(field, self.probe_count)?;
-                field
+                self.probes = Probes::new(empty.insert(field), self.probe_count)?;
             }
-        };
+        }
         if is_last {
             self.lightmap.set_rays(MANY_RAYS);
             if let Some(probes) = &mut self.probes {

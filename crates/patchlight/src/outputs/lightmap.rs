@@ -6,9 +6,11 @@ use std::sync::{Arc, Weak};
 use glam::{Vec2, Vec3};
 use patches::LightmapTexels;
 use rayon::prelude::*;
+use scene::gpu::{Triangle, TriangleUv};
 use scene::sampling::hash3;
 use scene::{
-    Lighting, NONE, POINT_WALKS, ReceiverSet as _, Scene, SidePolicy, Sides, SurfacePoint, find_sides, is_open,
+    Lighting, Material, NONE, POINT_WALKS, ReceiverSet as _, Scene, SceneParts, SidePolicy, Sides, SurfacePoint,
+    find_sides, is_open,
 };
 use transport::kernel::view::vertices_at;
 
@@ -60,7 +62,41 @@ impl LiveLightmap {
             let [x, y, z] = point.position.to_array().map(f32::to_bits);
             is_open(scene, point, POINT_WALKS, hash3(x, y, z))
         };
-        let texels = LightmapTexels::new(scene, sides, texel, &is_lit)?;
+        Self::laid_out(scene, sides, texel, &is_lit)
+    }
+
+    /// Lays out triangles, the corners of each in m, counter-clockwise from the front, on the surfaces of a bake: for
+    /// an engine that has its geometry and a bake from a file. Triangles that the bake does not know have no chart.
+    ///
+    /// # Errors
+    /// As [`Self::new`]; corners that are no numbers; [`Unsupported`](crate::ErrorKind::Unsupported) unless receivers
+    /// are on the mesh.
+    pub fn over(bake: &Bake, triangles: &[[Vec3; 3]], texel: f32) -> Result<Self, Error> {
+        check(bake)?;
+        let triangle = |(source, &[corner, a, b]): (u32, &[Vec3; 3])| Triangle {
+            corner,
+            edge_a: a - corner,
+            edge_b: b - corner,
+            source,
+            ..Triangle::default()
+        };
+        let parts = SceneParts {
+            triangles: (0..).zip(triangles).map(triangle).collect(),
+            uvs: vec![TriangleUv::default(); triangles.len()],
+            materials: vec![Material::default()],
+            ..SceneParts::default()
+        };
+        let sides = vec![Sides { front: true, back: true }; triangles.len()];
+        Self::laid_out(&Scene::new(parts)?, &sides, texel, &|point| row(bake, point).is_some())
+    }
+
+    fn laid_out(
+        scene: &Scene,
+        sides: &[Sides],
+        texel: f32,
+        is_lit: &(impl Fn(&SurfacePoint) -> bool + Sync),
+    ) -> Result<Self, Error> {
+        let texels = LightmapTexels::new(scene, sides, texel, is_lit)?;
         let shown = spread_texels(&texels);
         let surroundings = Surroundings::with_rays(RAYS);
         Ok(Self { scene: scene.clone(), texels, shown, bake: Weak::new(), rows: Vec::new(), surroundings })
@@ -139,14 +175,15 @@ impl LiveLightmap {
         if part == LightPart::Indirect {
             return Ok(values);
         }
+        // Traced on the bake's triangles: its materials are those that the lighting speaks of.
         let lighting = &field.scene().lighting;
-        self.surroundings.add(&self.scene, self.texels.points(), lighting, &mut values)?;
+        self.surroundings.add(field.bake().scene(), self.texels.points(), lighting, &mut values)?;
         if part == LightPart::Full && !lighting.lights.is_empty() {
-            let emission = vec![Vec3::ZERO; self.scene.geometry.materials.len()];
+            let emission = vec![Vec3::ZERO; field.scene().materials.len()];
             let distributions = Arc::clone(&lighting.distributions);
             let lights = Lighting { lights: lighting.lights.clone(), emission, distributions, ..Lighting::default() };
-            let lit = Scene::under(Arc::clone(&self.scene.geometry), lights)?;
-            add_at_taps(&lit, &self.texels, &mut values);
+            let lit = Scene::under(Arc::clone(&field.scene().geometry), lights)?;
+            add_at_taps(&lit, (&self.scene, &self.texels), &mut values);
         }
         Ok(values)
     }
@@ -162,9 +199,7 @@ impl LiveLightmap {
         if std::ptr::eq(self.bake.as_ptr(), Arc::as_ptr(bake)) {
             return Ok(());
         }
-        if bake.settings.receivers != ReceiverKind::Mesh {
-            return Err(Reason::OutputReceivers.into());
-        }
+        check(bake)?;
         let rows: Vec<_> = self.texels.points().par_iter().map(|point| row(bake, point)).collect();
         let nearest = spread_receivers(&self.texels, &rows.iter().map(Option::is_some).collect::<Vec<_>>());
         let row = |&k: &u32| rows.get(k as usize).copied().flatten().unwrap_or_default();
@@ -172,6 +207,13 @@ impl LiveLightmap {
         self.bake = Arc::downgrade(bake);
         Ok(())
     }
+}
+
+fn check(bake: &Bake) -> Result<(), Error> {
+    if bake.settings.receivers != ReceiverKind::Mesh {
+        return Err(Reason::OutputReceivers.into());
+    }
+    Ok(())
 }
 
 /// The interpolation points of a bake about a point on its surface, where light comes to them.
