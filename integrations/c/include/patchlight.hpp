@@ -203,6 +203,14 @@ class Job {
   Own own_;
 };
 
+// A lightmap: its size in texels, and the texture coordinates of the corners of its triangles, six numbers each, NaN for those
+// without light.
+struct Lightmap {
+  std::uint32_t width = 0;
+  std::uint32_t height = 0;
+  std::vector<float> uvs;
+};
+
 // The light of a bake on a device.
 class LightField {
  public:
@@ -248,6 +256,20 @@ class LightField {
   }
   void move_object(std::uint32_t object, const float* transform) { check(pl_field_move_object(get(), object, transform)); }
   void remove_object(std::uint32_t object) { check(pl_field_remove_object(get(), object)); }
+  // On triangles of nine numbers each.
+  Lightmap make_lightmap(const std::vector<float>& corners, float texel) {
+    Lightmap made;
+    const auto count = corners.size() / 9;
+    check(pl_field_make_lightmap(get(), corners.data(), count, texel, &made.width, &made.height));
+    made.uvs = read(6 * count, [&](float* out, std::size_t size) { return pl_field_lightmap_uvs(get(), out, size); });
+    return made;
+  }
+  // RGB of each texel, row by row.
+  std::vector<float> lightmap(const Lightmap& lightmap, PlLightPart part = PL_INDIRECT) {
+    return read(std::size_t{3} * lightmap.width * lightmap.height, [&](float* out, std::size_t count) {
+      return pl_field_lightmap(get(), part, out, count);
+    });
+  }
   // RGB of each pixel, row by row.
   std::vector<float> picture(const PlCamera& camera, std::uint32_t width, std::uint32_t height, std::uint32_t sub_frames = 16) {
     return read(std::size_t{3} * width * height, [&](float* out, std::size_t count) {

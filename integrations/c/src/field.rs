@@ -3,12 +3,10 @@
 use std::ffi::{c_char, c_int};
 use std::sync::Arc;
 
-use patches::LightmapTexels;
-use patchlight::glam::{Vec3, Vec4};
+use patchlight::glam::{Vec2, Vec3};
 use patchlight::low_level::operator::Codec;
 use patchlight::method::{FeedbackSettings, TemporalSettings};
-use patchlight::outputs::{LightPart, is_lit, lit_sides, on_lightmap};
-use patchlight::scene::NONE;
+use patchlight::outputs::{LightPart, LiveLightmap};
 use patchlight::{
     Camera, DeviceChoice, Executor, LightSettings, Lighting, MethodSettings, ObjectId, PictureRenderer,
     PictureSettings, Point, PointKind, PointSet, Silent, open,
@@ -49,6 +47,19 @@ pub enum PlPointKind {
     PL_CUBE = 1,
     /// Radiance as spherical harmonics of degree 1, L_00, L_1x, L_1y, L_1z: twelve numbers.
     PL_HARMONICS = 2,
+}
+
+/// Light in a lightmap.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[allow(non_camel_case_types)]
+pub enum PlLightPart {
+    /// Reflected at least once: for engines that light directly themselves.
+    PL_INDIRECT = 0,
+    /// Direct and indirect.
+    PL_FULL = 1,
+    /// All but the direct light of lights: for engines that know nothing of surfaces that shine and of skies.
+    PL_WITHOUT_LIGHTS = 2,
 }
 
 /// Settings of a light field.
@@ -105,7 +116,8 @@ pub struct PlField {
     pub(crate) renderer: PictureRenderer,
     pub(crate) lighting: Lighting,
     sets: Vec<Option<(PointSet, usize)>>,
-    lightmap: Option<LightmapTexels>,
+    /// The triangles on which it lies.
+    lightmap: Option<(LiveLightmap, Vec<[Vec3; 3]>)>,
     pub(crate) objects: Vec<Option<ObjectId>>,
 }
 
@@ -405,13 +417,17 @@ pub unsafe extern "C" fn pl_field_try_points(
     })
 }
 
-/// Lays out a lightmap with texels of this size, m, and gives its size in texels.
+/// Lays out a lightmap with texels of this size, m, and gives its size in texels. It lies on the caller's triangles: nine
+/// numbers each, its corners, m, counter-clockwise from the front; NULL for those of the bake, which are cut where something
+/// stands on them. A triangle has its front's light, or its back's where only that has any.
 ///
 /// # Safety
-/// Pointers are what they say.
+/// `corners` is NULL or begins nine numbers for each of `triangle_count` triangles.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn pl_field_make_lightmap(
     field: *mut PlField,
+    corners: *const f32,
+    triangle_count: usize,
     texel: f32,
     out_width: *mut u32,
     out_height: *mut u32,
@@ -420,54 +436,52 @@ pub unsafe extern "C" fn pl_field_make_lightmap(
         // SAFETY: as the caller promises.
         let field = unsafe { handle(field, "field") }?;
         let bake = Arc::clone(field.renderer.light().bake());
-        let texels = LightmapTexels::new(bake.scene(), &lit_sides(&bake), texel, &|point| is_lit(&bake, point));
-        let texels = texels.map_err(patchlight::Error::from)?;
+        let triangles: Vec<[Vec3; 3]> = if corners.is_null() {
+            let own = bake.scene().geometry.triangles.iter();
+            own.map(|t| [t.corner, t.corner + t.edge_a, t.corner + t.edge_b]).collect()
+        } else {
+            let count = triangle_count.checked_mul(9).ok_or_else(|| input("triangle_count is too large"))?;
+            // SAFETY: as the caller promises.
+            let numbers = unsafe { table(corners, count, "corners") }?;
+            numbers.chunks_exact(9).map(|own| [0, 3, 6].map(|first| Vec3::from_slice(&own[first..]))).collect()
+        };
+        let lightmap = LiveLightmap::over(&bake, &triangles, texel)?;
+        let (width, height) = lightmap.size();
         // SAFETY: as the caller promises.
-        unsafe { room(out_width, 1, "out_width") }?[0] = texels.params.width;
+        unsafe { room(out_width, 1, "out_width") }?[0] = width;
         // SAFETY: as the caller promises.
-        unsafe { room(out_height, 1, "out_height") }?[0] = texels.params.height;
-        field.lightmap = Some(texels);
+        unsafe { room(out_height, 1, "out_height") }?[0] = height;
+        field.lightmap = Some((lightmap, triangles));
         Ok(())
     })
 }
 
-/// Texture coordinates in the lightmap of the corners of each triangle of the bake: six numbers each, NaN without a chart;
-/// of fronts, or of backs where `of_backs` is not 0.
+/// Texture coordinates in the lightmap of the corners of its triangles: six numbers each, NaN for those without light.
 ///
 /// # Safety
 /// `uvs` has room for `count` numbers.
 #[unsafe(no_mangle)]
-pub unsafe extern "C" fn pl_field_lightmap_uvs(
-    field: *mut PlField,
-    of_backs: c_int,
-    uvs: *mut f32,
-    count: usize,
-) -> PlStatus {
+pub unsafe extern "C" fn pl_field_lightmap_uvs(field: *mut PlField, uvs: *mut f32, count: usize) -> PlStatus {
     guard(|| {
         // SAFETY: as the caller promises.
         let field = unsafe { handle(field, "field") }?;
-        let texels = lightmap(field)?;
+        let (lightmap, triangles) = field.lightmap.as_ref().ok_or_else(no_lightmap)?;
         // SAFETY: as the caller promises.
         let out = unsafe { room(uvs, count, "uvs") }?;
-        if out.len() != 6 * texels.sides.len() {
-            let numbers = 6 * texels.sides.len();
+        if out.len() != 6 * triangles.len() {
+            let numbers = 6 * triangles.len();
             return Err(input(format!("uvs has room for {} numbers; there are {numbers}", out.len())));
         }
-        for (place, sides) in out.chunks_exact_mut(6).zip(&texels.sides) {
-            place.copy_from_slice(&match sides[usize::from(of_backs != 0)] {
-                NONE => [f32::NAN; 6],
-                at => {
-                    let uv = texels.uvs[at as usize];
-                    [uv.corner.x, uv.corner.y, uv.corner_a.x, uv.corner_a.y, uv.corner_b.x, uv.corner_b.y]
-                }
-            });
+        for (place, uvs) in out.chunks_exact_mut(6).zip(lightmap.corner_uvs(triangles)) {
+            let corners = uvs.unwrap_or([Vec2::NAN; 3]).map(|corner| corner.to_array());
+            place.copy_from_slice(corners.as_flattened());
         }
         Ok(())
     })
 }
 
-fn lightmap(field: &PlField) -> Outcome<&LightmapTexels> {
-    field.lightmap.as_ref().ok_or_else(|| input("the field has no lightmap; call pl_field_make_lightmap first"))
+fn no_lightmap() -> Failure {
+    input("the field has no lightmap; call pl_field_make_lightmap first")
 }
 
 /// Number of triangles of the bake's scene, which are cut where something stands on them.
@@ -480,31 +494,27 @@ pub unsafe extern "C" fn pl_field_triangle_count(field: *const PlField) -> usize
     unsafe { field.as_ref() }.map_or(0, |field| field.renderer.light().bake().scene().geometry.triangles.len())
 }
 
-/// Irradiance in the lightmap after the last update, W/m²: RGB of each texel, row by row; with direct light where `is_full`
-/// is not 0. Waits.
+/// Irradiance in the lightmap after the last update, W/m²: RGB of each texel, row by row, of a PlLightPart. Waits.
 ///
 /// # Safety
 /// `rgb` has room for `count` numbers.
 #[unsafe(no_mangle)]
-pub unsafe extern "C" fn pl_field_lightmap(
-    field: *mut PlField,
-    is_full: c_int,
-    rgb: *mut f32,
-    count: usize,
-) -> PlStatus {
+pub unsafe extern "C" fn pl_field_lightmap(field: *mut PlField, part: u32, rgb: *mut f32, count: usize) -> PlStatus {
     guard(|| {
         // SAFETY: as the caller promises.
         let field = unsafe { handle(field, "field") }?;
         // SAFETY: as the caller promises.
         let out = unsafe { room(rgb, count, "rgb") }?;
-        let part = if is_full != 0 { LightPart::Full } else { LightPart::Indirect };
-        let Some(texels) = field.lightmap.take() else { return lightmap(field).map(drop) };
-        let values = on_lightmap(field.renderer.light_mut(), &texels, part);
-        let picture = values
-            .map_err(Failure::from)
-            .and_then(|values| texels.picture(&values).map_err(|error| patchlight::Error::from(error).into()));
-        field.lightmap = Some(texels);
-        copy(picture?.into_iter().map(Vec4::truncate), out, "rgb")
+        let part = match part {
+            0 => LightPart::Indirect,
+            1 => LightPart::Full,
+            2 => LightPart::WithoutLights,
+            part => return Err(input(format!("part is {part}; it is one of PlLightPart"))),
+        };
+        let PlField { lightmap, renderer, .. } = field;
+        let (lightmap, _) = lightmap.as_mut().ok_or_else(no_lightmap)?;
+        let values = lightmap.irradiance(renderer.light_mut(), part)?;
+        copy(lightmap.picture(&values).into_iter(), out, "rgb")
     })
 }
 

@@ -192,10 +192,18 @@ void fields() {
   EXPECT(field.surface(bake.counts().points)[0] >= 0);
   std::uint32_t width = 0, height = 0;
   EXPECT(pl_field_lightmap(field.get(), 1, values, 6) == PL_INPUT && says("pl_field_make_lightmap"));
-  EXPECT(pl_field_make_lightmap(field.get(), 0.1f, &width, &height) == PL_OK && width > 0 && height > 0);
+  EXPECT(pl_field_make_lightmap(field.get(), nullptr, 0, 0.1f, &width, &height) == PL_OK && width > 0 && height > 0);
   std::vector<float> texels(std::size_t{3} * width * height), uvs(6 * pl_field_triangle_count(field.get()));
-  EXPECT(pl_field_lightmap(field.get(), 1, texels.data(), texels.size()) == PL_OK);
-  EXPECT(pl_field_lightmap_uvs(field.get(), 0, uvs.data(), uvs.size()) == PL_OK);
+  EXPECT(pl_field_lightmap(field.get(), PL_FULL, texels.data(), texels.size()) == PL_OK);
+  EXPECT(pl_field_lightmap(field.get(), 3, texels.data(), texels.size()) == PL_INPUT && says("PlLightPart"));
+  EXPECT(pl_field_lightmap_uvs(field.get(), uvs.data(), uvs.size()) == PL_OK);
+  EXPECT(pl_field_lightmap_uvs(field.get(), uvs.data(), 6) == PL_INPUT && says("uvs has room"));
+  // Triangles of one's own: a part of the floor, whose texture coordinates are there, and one in the air.
+  const std::vector<float> own{0.2f, 0, 0.2f, 0.2f, 0, 0.4f, 0.4f, 0, 0.2f, 0.2f, 0.5f, 0.2f, 0.3f, 0.5f, 0.2f, 0.2f, 0.6f, 0.2f};
+  const auto lightmap = field.make_lightmap(own, 0.05f);
+  EXPECT(lightmap.uvs.size() == 12 && lightmap.uvs[0] > 0 && lightmap.uvs[0] < 1 && std::isnan(lightmap.uvs[6]));
+  const auto indirect = field.lightmap(lightmap, PL_INDIRECT), full = field.lightmap(lightmap, PL_FULL);
+  EXPECT(indirect.size() == std::size_t{3} * lightmap.width * lightmap.height && indirect[0] > 0 && full[0] > indirect[0]);
   PlCamera camera;
   pl_camera_default(&camera);
   camera.eye[2] = 3;

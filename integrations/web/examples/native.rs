@@ -31,7 +31,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     field.set_lights(&LAMP)?;
     field.update()?;
     write(folder, "lamp.f32", &mut field)?;
-    field.make_lightmap(0.025)?;
+    field.make_lightmap(0.025, &[])?;
     field.lightmap(true)?;
     save(folder, "lightmap.f32", &field)?;
     let start = Instant::now();

@@ -35,14 +35,14 @@ export class Patchlight {
   surface(): Float32Array;
   /** Positions of the interpolation points, m. */
   surfacePoints(): Float32Array;
-  /** Corners of the triangles, m: nine numbers each, in the order of `lightmapUvs`. */
+  /** Corners of the bake's triangles, m: nine numbers each. */
   triangles(): Float32Array;
-  /** Makes a lightmap with texels of this size, m. */
-  makeLightmap(texel: number): { width: number; height: number };
+  /** Makes a lightmap with texels of this size, m, on triangles of nine numbers each; on the bake's own for none. */
+  makeLightmap(texel: number, triangles?: ArrayLike<number>): { width: number; height: number };
   /** Irradiance in its texels, W/m², row by row: RGB. Valid until the next table is asked for. */
   lightmap(options?: { direct?: boolean }): Float32Array;
-  /** Coordinates of the triangles' corners in it, six numbers each; NaN without a chart. */
-  lightmapUvs(options?: { back?: boolean }): Float32Array;
+  /** Coordinates of its triangles' corners in it, six numbers each; NaN for triangles without light. */
+  lightmapUvs(): Float32Array;
   /** Adds points whose indirect light every update finds; their number. */
   addPoints(places: ArrayLike<number>, normals: ArrayLike<number>, kind?: "irradiance" | "cube" | "harmonics"): number;
   removePoints(set: number): void;

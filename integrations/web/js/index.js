@@ -42,6 +42,23 @@ export function rows(lights) {
   return numbers;
 }
 
+/** Corners of the triangles of meshes, nine numbers each, mesh after mesh. @internal */
+export function cornersOf(meshes) {
+  const count = ({ positions, indices = [] }) => indices.length || positions.length / 3;
+  const corners = new Float32Array(3 * meshes.reduce((sum, mesh) => sum + count(mesh), 0));
+  let at = 0;
+  for (const mesh of meshes) {
+    const { positions, indices = [] } = mesh;
+    for (let corner = 0; corner < count(mesh); corner++) {
+      const from = 3 * (indices.length ? indices[corner] : corner);
+      for (let axis = 0; axis < 3; axis++) {
+        corners[at++] = positions[from + axis];
+      }
+    }
+  }
+  return corners;
+}
+
 /** Bytes of a response, with progress. */
 async function bytesOf(response, url, onProgress) {
   if (!response.ok) {
@@ -119,14 +136,14 @@ export class Patchlight {
     return this.#table(() => this.#field.surface_points()).slice();
   }
 
-  /** Corners of the triangles, m: nine numbers each, in the order of `lightmapUvs`. */
+  /** Corners of the bake's triangles, m: nine numbers each. */
   triangles() {
     return this.#table(() => this.#field.triangles()).slice();
   }
 
-  /** Makes a lightmap with texels of this size, m. */
-  makeLightmap(texel) {
-    const [width, height] = failing(() => this.#field.make_lightmap(texel));
+  /** Makes a lightmap with texels of this size, m, on triangles of nine numbers each; on the bake's own for none. */
+  makeLightmap(texel, triangles = []) {
+    const [width, height] = failing(() => this.#field.make_lightmap(texel, Float32Array.from(triangles)));
     return { width, height };
   }
 
@@ -135,9 +152,9 @@ export class Patchlight {
     return this.#table(() => this.#field.lightmap(direct));
   }
 
-  /** Coordinates of the triangles' corners in it, six numbers each; NaN without a chart. */
-  lightmapUvs({ back = false } = {}) {
-    return this.#table(() => this.#field.lightmap_uvs(!back)).slice();
+  /** Coordinates of its triangles' corners in it, six numbers each; NaN for triangles without light. */
+  lightmapUvs() {
+    return this.#table(() => this.#field.lightmap_uvs()).slice();
   }
 
   /** Adds points whose indirect light every update finds from now on; their number. */

@@ -19,7 +19,7 @@ export interface LightmapOptions {
 export class PatchlightLightmaps {
   constructor(scene: Scene, light: Patchlight, options?: LightmapOptions);
   readonly texture: DataTexture;
-  /** Triangles of the scene that the bake has, and those that it has not. */
+  /** Triangles of the scene that have light of the bake, and those that it does not know, or no light comes to. */
   readonly found: number;
   readonly missing: number;
   /** Finds the light of the scene's lights. */

@@ -13,10 +13,11 @@ import {
   Vector3,
 } from "three";
 
+import { cornersOf } from "./index.js";
 import { PatchlightWorkers } from "./workers.js";
 
-/** Corners this close, as a share of the scene's size, are one. */
-const SAME = 1e-5;
+/** Rows below the atlas that stay dark, for triangles without light. */
+const DARK_ROWS = 2;
 /** The channel of texture coordinates that lightmaps have in three. */
 const CHANNEL = 1;
 
@@ -54,10 +55,39 @@ export function lightsOf(scene) {
   return lights;
 }
 
-/** The meshes of a three scene with their materials, the lights and an even sky, as `Baker.of` takes them. */
-export function sceneOf(scene, { sky } = {}) {
+/** What meshes were before they had a lightmap. */
+const originals = new WeakMap();
+
+/** The meshes of a three scene in their places, a part for each of their materials: hidden and transparent ones, too, or not. */
+function partsOf(scene, isAll) {
   scene.updateMatrixWorld();
-  const meshes = [];
+  const parts = [];
+  const visit = (mesh) => {
+    if (!mesh.isMesh || (mesh.material?.transparent && !isAll)) {
+      return;
+    }
+    const all = Array.isArray(mesh.material) ? mesh.material : [mesh.material];
+    const geometry = (originals.get(mesh)?.geometry ?? mesh.geometry).clone().applyMatrix4(mesh.matrixWorld);
+    const { array: positions, count } = geometry.getAttribute("position");
+    const normals = geometry.getAttribute("normal")?.array ?? [];
+    const indices = geometry.index ? Array.from(geometry.index.array) : [...Array(count).keys()];
+    const whole = [{ start: 0, count: indices.length, materialIndex: 0 }];
+    const groups = geometry.groups.length && all.length > 1 ? geometry.groups : whole;
+    for (const { start, count, materialIndex } of groups) {
+      const own = indices.slice(start, start + count);
+      parts.push({ mesh, first: start, name: mesh.name, positions, normals, indices: own, material: all[materialIndex] });
+    }
+  };
+  if (isAll) {
+    scene.traverse(visit);
+  } else {
+    scene.traverseVisible(visit);
+  }
+  return parts;
+}
+
+/** The parts of a three scene with their materials, the lights and an even sky, as `Baker.of` takes them. */
+function arraysOf(scene, parts, sky) {
   const numbers = new Map();
   const materials = [];
   const numberOf = (material) => {
@@ -69,71 +99,20 @@ export function sceneOf(scene, { sky } = {}) {
     }
     return numbers.get(material);
   };
-  scene.traverseVisible((object) => {
-    if (!object.isMesh || object.material?.transparent) {
-      return;
-    }
-    const all = Array.isArray(object.material) ? object.material : [object.material];
-    const geometry = object.geometry.clone().applyMatrix4(object.matrixWorld);
-    const { array: positions, count } = geometry.getAttribute("position");
-    const normals = geometry.getAttribute("normal")?.array ?? [];
-    const indices = geometry.index ? Array.from(geometry.index.array) : [...Array(count).keys()];
-    const groups = geometry.groups.length && all.length > 1 ? geometry.groups : [{ start: 0, count: indices.length, materialIndex: 0 }];
-    for (const { start, count, materialIndex } of groups) {
-      const own = indices.slice(start, start + count);
-      meshes.push({ name: object.name, positions, normals, indices: own, material: numberOf(all[materialIndex]) });
-    }
+  const meshes = parts.map(({ name, positions, normals, indices, material }) => {
+    return { name, positions, normals, indices, material: numberOf(material) };
   });
   return { materials, meshes, lights: lightsOf(scene), sky, of: [...numbers.keys()] };
 }
 
-/** The triangles of a bake by their corners. */
-class Corners {
-  #step;
-  #first = new Map();
-
-  constructor(numbers) {
-    let [low, high] = [Infinity, -Infinity];
-    for (const number of numbers) {
-      low = Math.min(low, number);
-      high = Math.max(high, number);
-    }
-    this.#step = SAME * (high - low);
-    for (let triangle = 0; triangle < numbers.length / 9; triangle++) {
-      const at = (corner) => numbers.subarray(9 * triangle + 3 * corner, 9 * triangle + 3 * corner + 3);
-      for (let first = 0; first < 3; first++) {
-        const key = this.#key([0, 1, 2].map((k) => at((first + k) % 3)));
-        if (!this.#first.has(key)) {
-          this.#first.set(key, { triangle, first });
-        }
-      }
-    }
-  }
-
-  #key(corners) {
-    return corners.map((corner) => Array.from(corner, (x) => Math.round(x / this.#step)).join()).join(" ");
-  }
-
-  /** The triangle with these corners, and which of its corners is the first of them; what rounds the other way, too. */
-  find(corners) {
-    const shifts = [0, 0.25, -0.25];
-    for (const x of shifts) {
-      for (const y of shifts) {
-        for (const z of shifts) {
-          const moved = corners.map((corner) => [corner[0] + x * this.#step, corner[1] + y * this.#step, corner[2] + z * this.#step]);
-          const found = this.#first.get(this.#key(moved));
-          if (found !== undefined) {
-            return found;
-          }
-        }
-      }
-    }
-    return undefined;
-  }
+/** The meshes of a three scene with their materials, the lights and an even sky, as `Baker.of` takes them. */
+export function sceneOf(scene, { sky } = {}) {
+  return arraysOf(scene, partsOf(scene, false), sky);
 }
 
-/** A picture of half floats. */
-function lightmapTexture(width, height) {
+/** A picture of half floats, with the dark rows. */
+function lightmapTexture(width, rows) {
+  const height = rows + DARK_ROWS;
   const texture = new DataTexture(new Uint16Array(4 * width * height), width, height, RGBAFormat, HalfFloatType);
   Object.assign(texture, { magFilter: LinearFilter, minFilter: LinearFilter, channel: CHANNEL });
   return Object.assign(texture, { wrapS: ClampToEdgeWrapping, wrapT: ClampToEdgeWrapping, generateMipmaps: false });
@@ -152,12 +131,31 @@ function write(texture, irradiance) {
   texture.needsUpdate = true;
 }
 
-/** What meshes were before they had a lightmap. */
-const originals = new WeakMap();
-
-/** Gives the meshes of a scene their places in a lightmap: how many of their triangles the bake has, and how many not. */
-function attach(scene, triangles, uvs, texture, clone) {
-  const corners = new Corners(triangles);
+/** Gives the meshes of parts their places in a lightmap: how many of their triangles have light in it, and how many not. */
+function attach(parts, uvs, texture, clone) {
+  const { width, height } = texture.image;
+  const dark = [0.5 / width, 1 - 0.5 / height];
+  const own = new Map();
+  let [corner, found, missing] = [0, 0, 0];
+  for (const { mesh, first, indices } of parts) {
+    if (!own.has(mesh)) {
+      const geometry = originals.get(mesh)?.geometry ?? mesh.geometry;
+      const count = geometry.index?.count ?? geometry.getAttribute("position").count;
+      own.set(mesh, { found: 0, places: Float32Array.from({ length: 2 * count }, (_, k) => dark[k % 2]) });
+    }
+    const { places } = own.get(mesh);
+    for (let vertex = first; vertex + 2 < first + indices.length; vertex += 3, corner += 3) {
+      if (Number.isNaN(uvs[2 * corner])) {
+        missing++;
+        continue;
+      }
+      own.get(mesh).found++;
+      for (let k = 0; k < 3; k++) {
+        const [u, v] = uvs.subarray(2 * (corner + k));
+        places.set([u, (v * (height - DARK_ROWS)) / height], 2 * (vertex + k));
+      }
+    }
+  }
   const materials = new Map();
   const lit = (material) => {
     if (!materials.has(material)) {
@@ -169,38 +167,17 @@ function attach(scene, triangles, uvs, texture, clone) {
     }
     return materials.get(material);
   };
-  let [found, missing] = [0, 0];
-  scene.updateMatrixWorld();
-  const meshes = [];
-  scene.traverse((object) => object.isMesh && meshes.push(object));
-  for (const mesh of meshes) {
+  for (const [mesh, { found: ownFound, places }] of own) {
+    found += ownFound;
+    if (ownFound === 0) {
+      continue;
+    }
     const before = originals.get(mesh) ?? { geometry: mesh.geometry, material: mesh.material };
     const geometry = before.geometry.index ? before.geometry.toNonIndexed() : before.geometry.clone();
-    const positions = geometry.getAttribute("position");
-    const own = new Float32Array(2 * positions.count);
-    const at = new Vector3();
-    let ownFound = 0;
-    for (let vertex = 0; vertex + 2 < positions.count; vertex += 3) {
-      const world = [0, 1, 2].map((k) => at.fromBufferAttribute(positions, vertex + k).applyMatrix4(mesh.matrixWorld).toArray());
-      const same = corners.find(world);
-      const first = same && 6 * same.triangle;
-      if (same === undefined || Number.isNaN(uvs[first])) {
-        missing++;
-        continue;
-      }
-      ownFound++;
-      for (let k = 0; k < 3; k++) {
-        const from = first + 2 * ((same.first + k) % 3);
-        own.set([uvs[from], uvs[from + 1]], 2 * (vertex + k));
-      }
-    }
-    found += ownFound;
-    if (ownFound > 0) {
-      originals.set(mesh, before);
-      geometry.setAttribute(`uv${CHANNEL}`, new BufferAttribute(own, 2));
-      mesh.geometry = geometry;
-      mesh.material = Array.isArray(before.material) ? before.material.map(lit) : lit(before.material);
-    }
+    originals.set(mesh, before);
+    geometry.setAttribute(`uv${CHANNEL}`, new BufferAttribute(places, 2));
+    mesh.geometry = geometry;
+    mesh.material = Array.isArray(before.material) ? before.material.map(lit) : lit(before.material);
   }
   return { found, missing };
 }
@@ -211,6 +188,7 @@ function attach(scene, triangles, uvs, texture, clone) {
  */
 export class LiveLightmaps {
   #scene;
+  #parts;
   #workers;
   #materials;
   #clone;
@@ -219,7 +197,8 @@ export class LiveLightmaps {
   constructor(scene, { clone = true, sky, onLevel, onLight, ...options } = {}) {
     this.#scene = scene;
     this.#clone = clone;
-    const { of, ...own } = sceneOf(scene, { sky });
+    this.#parts = partsOf(scene, false);
+    const { of, ...own } = arraysOf(scene, this.#parts, sky);
     this.#materials = of;
     /** The texels, shared by all meshes; another one for each level. */
     this.texture = undefined;
@@ -238,10 +217,10 @@ export class LiveLightmaps {
     this.#workers = new PatchlightWorkers(own, { ...options, onLevel: hearLevel, onLight: hearLight });
   }
 
-  #show({ width, height, triangles, uvs }) {
+  #show({ width, height, uvs }) {
     this.texture?.dispose();
     this.texture = lightmapTexture(width, height);
-    Object.assign(this, attach(this.#scene, triangles, uvs, this.texture, this.#clone));
+    Object.assign(this, attach(this.#parts, uvs, this.texture, this.#clone));
   }
 
   /** Asks for the light of now; `sky` W/m²/sr. */
@@ -275,11 +254,12 @@ export class PatchlightLightmaps {
     this.#scene = scene;
     this.#light = light;
     this.#direct = direct;
-    const { width, height } = light.makeLightmap(texel);
+    const parts = partsOf(scene, true);
+    const { width, height } = light.makeLightmap(texel, cornersOf(parts));
     /** The texels, shared by all meshes. */
     this.texture = lightmapTexture(width, height);
-    /** Triangles of the scene that the bake has, and those that it has not: they stay without light. */
-    const { found, missing } = attach(scene, light.triangles(), light.lightmapUvs(), this.texture, clone);
+    /** Triangles of the scene that have light of the bake, and those that it does not know, or no light comes to. */
+    const { found, missing } = attach(parts, light.lightmapUvs(), this.texture, clone);
     this.found = found;
     this.missing = missing;
   }

@@ -87,9 +87,11 @@ test("meshes take the texels of their triangles", async () => {
   maps.update();
   const expected = light.lightmap().slice();
   const { data, width, height } = maps.texture.image;
+  const texels = expected.length / 3;
+  assert.equal(texels, width * (height - 2));
   const brightest = Math.max(...expected);
   const texel = (k, channel) => THREE.DataUtils.fromHalfFloat(data[4 * k + channel]);
-  for (let k = 0; k < width * height; k += 7) {
+  for (let k = 0; k < texels; k += 7) {
     for (let channel = 0; channel < 3; channel++) {
       assert.ok(Math.abs(texel(k, channel) - expected[3 * k + channel]) < 1e-3 * brightest);
     }

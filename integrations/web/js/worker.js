@@ -1,6 +1,7 @@
 // A worker that bakes one level of a scene, and finds its light from then on: `PatchlightWorkers` starts and ends it.
 
 import { Baker } from "./baker.js";
+import { cornersOf } from "./index.js";
 
 let light;
 let direct = false;
@@ -22,11 +23,10 @@ async function bake({ scene, level, options }) {
   const onProgress = (phase, share) => postMessage({ progress: { level, levels, phase, share } });
   light = baker.level(level, { method, onProgress });
   baker.free();
-  const { width, height } = light.makeLightmap(texel);
-  const triangles = light.triangles();
+  const { width, height } = light.makeLightmap(texel, cornersOf(scene.meshes));
   const uvs = light.lightmapUvs();
-  const ready = { level, levels, width, height, triangles, uvs, counts: light.counts };
-  postMessage({ ready }, [triangles.buffer, uvs.buffer]);
+  const ready = { level, levels, width, height, uvs, counts: light.counts };
+  postMessage({ ready }, [uvs.buffer]);
 }
 
 globalThis.onmessage = async ({ data }) => {

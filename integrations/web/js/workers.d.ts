@@ -7,8 +7,7 @@ export interface Level {
   levels: number;
   width: number;
   height: number;
-  /** Corners of the triangles, m, and their coordinates in the lightmap; NaN without a chart. */
-  triangles: Float32Array;
+  /** Coordinates in the lightmap of the corners of all meshes' triangles, six numbers each; NaN for triangles without light. */
   uvs: Float32Array;
   counts: { triangles: number; patches: number; receivers: number; points: number };
 }

@@ -136,7 +136,7 @@ impl Baker {
         LISTENER.set(listener);
         let bake = Bake::build(scene, settings, &Telling);
         LISTENER.set(None);
-        Ok(LightField::of_bake(bake.map_err(text)?, method)?.with_whole(scene.clone()))
+        LightField::of_bake(bake.map_err(text)?, method)
     }
 }
 

@@ -2,26 +2,16 @@
 
 use std::sync::Arc;
 
-use patches::LightmapTexels;
-use patchlight::bake::direct_params;
-use patchlight::glam::{Vec3, Vec4};
+use patchlight::glam::{Vec2, Vec3};
 use patchlight::method::{FeedbackSettings, TemporalSettings};
-use patchlight::outputs::{LightPart, is_lit, lit_sides, on_lightmap};
-use patchlight::scene::gpu::DirectParams;
-use patchlight::scene::sampling::hash3;
-use patchlight::scene::{NONE, POINT_WALKS, ReceiverSet as _, SidePolicy, Sky, find_sides, is_open};
-use patchlight::transport::kernel::view::vertices_at;
-use patchlight::{
-    Bake, Codec, Cpu, LightSettings, Lighting, MethodSettings, Point, PointKind, PointSet, Scene, Silent, SurfacePoint,
-};
+use patchlight::outputs::{LightPart, LiveLightmap};
+use patchlight::scene::Sky;
+use patchlight::scene::gpu::Triangle;
+use patchlight::{Bake, Codec, Cpu, LightSettings, Lighting, MethodSettings, Point, PointKind, PointSet, Silent};
 use wasm_bindgen::prelude::*;
 
 use crate::lights::lights;
 
-/// Receivers of a lightmap look for their surface from so many ray offsets above it, and then from farther.
-const LIFTS: [f32; 3] = [2.0, 16.0, 128.0];
-/// Rays to each area light, and to the sky, from a texel.
-const DIRECT_RAYS: u32 = 64;
 /// Relative error of operators that are made here.
 const EPSILON: f64 = 0.01;
 
@@ -31,17 +21,12 @@ const EPSILON: f64 = 0.01;
 pub struct LightField {
     field: patchlight::LightField,
     lighting: Lighting,
-    lightmap: Option<LightmapTexels>,
-    /// The scene before the bake cut its triangles, where it is known: lightmaps are laid out on it.
-    whole: Option<Scene>,
-    /// What each receiver of such a lightmap takes from the interpolation points.
-    rows: Vec<Row>,
+    lightmap: Option<LiveLightmap>,
+    /// Corners of the triangles on which it lies.
+    corners: Vec<[Vec3; 3]>,
     table: Vec<f32>,
     sets: Vec<Option<PointSet>>,
 }
-
-/// Interpolation points and their weights.
-type Row = ([u32; 3], [f32; 3]);
 
 /// A table of numbers in the memory of the module.
 #[wasm_bindgen]
@@ -123,32 +108,30 @@ impl LightField {
         self.keep(bake.receivers().interpolation.points.iter().map(|point| point.position))
     }
 
-    /// Corners of the triangles, m: nine numbers each, in the order of [`Self::lightmap_uvs`].
+    /// Corners of the bake's triangles, m, nine numbers each: it cuts triangles where something stands on them.
     pub fn triangles(&mut self) -> Table {
-        let bake = Arc::clone(self.field.bake());
-        let geometry = Arc::clone(&self.whole.as_ref().unwrap_or(bake.scene()).geometry);
-        let triangles = geometry.triangles.iter();
-        self.keep(triangles.flat_map(|t| [t.corner, t.corner + t.edge_a, t.corner + t.edge_b]))
+        let corners = self.own_corners();
+        self.keep(corners.into_iter().flatten())
     }
 
-    /// Makes a lightmap with texels of this size, m: its width and height.
+    /// Makes a lightmap with texels of this size, m, on triangles whose corners these are, nine numbers each; on the bake's own
+    /// for none. Its width and height.
     ///
     /// # Errors
-    /// More texels than can be numbered.
-    pub fn make_lightmap(&mut self, texel: f32) -> Result<Vec<u32>, String> {
-        let bake = self.field.bake();
-        let made = match &self.whole {
-            Some(whole) => {
-                let is_open = |point: &SurfacePoint| is_open(whole, point, POINT_WALKS, place_seed(point.position));
-                LightmapTexels::new(whole, &find_sides(whole, SidePolicy::Lit), texel, &is_open)
-            }
-            None => LightmapTexels::new(bake.scene(), &lit_sides(bake), texel, &|point| is_lit(bake, point)),
+    /// Numbers that are no triangles; more texels than can be numbered.
+    pub fn make_lightmap(&mut self, texel: f32, corners: &[f32]) -> Result<Vec<u32>, String> {
+        if !corners.len().is_multiple_of(9) {
+            return Err(format!("{} numbers are no triangles, of nine each", corners.len()));
+        }
+        let triangle = |own: &[f32]| [0, 3, 6].map(|first| Vec3::from_slice(&own[first..]));
+        self.corners = match corners {
+            [] => self.own_corners(),
+            _ => corners.chunks_exact(9).map(triangle).collect(),
         };
-        let made = made.map_err(|error| error.to_string())?;
-        self.rows = if self.whole.is_some() { rows_of(&made, bake) } else { Vec::new() };
-        let size = vec![made.params.width, made.params.height];
+        let made = LiveLightmap::over(self.field.bake(), &self.corners, texel).map_err(text)?;
+        let (width, height) = made.size();
         self.lightmap = Some(made);
-        Ok(size)
+        Ok(vec![width, height])
     }
 
     /// Irradiance in the texels of the lightmap, W/m², row by row: RGB. With direct light, or without.
@@ -156,35 +139,22 @@ impl LightField {
     /// # Errors
     /// No lightmap was made.
     pub fn lightmap(&mut self, is_direct: bool) -> Result<Table, String> {
-        let texels = self.lightmap.as_ref().ok_or("no lightmap was made")?;
+        let lightmap = self.lightmap.as_mut().ok_or("no lightmap was made")?;
         let part = if is_direct { LightPart::Full } else { LightPart::Indirect };
-        let values = match &self.whole {
-            Some(whole) => {
-                let irradiance = self.field.surface_irradiance().map_err(text)?;
-                let lit = Scene::under(Arc::clone(&whole.geometry), self.lighting.clone());
-                let lit = lit.map_err(|error| error.to_string())?;
-                on_rows(&self.rows, &irradiance, &lit, texels, part)
-            }
-            None => on_lightmap(&mut self.field, texels, part).map_err(text)?,
-        };
-        let picture = texels.picture(&values).map_err(|error| error.to_string())?;
-        Ok(self.keep(picture.into_iter().map(Vec4::truncate)))
+        let values = lightmap.irradiance(&mut self.field, part).map_err(text)?;
+        let picture = lightmap.picture(&values);
+        Ok(self.keep(picture.into_iter()))
     }
 
-    /// Coordinates of the triangles' corners in the lightmap, six numbers each, 0 to 1; NaN without a chart.
+    /// Coordinates in the lightmap of the corners of its triangles, six numbers each, 0 to 1; NaN for those without light.
     ///
     /// # Errors
     /// No lightmap was made.
-    pub fn lightmap_uvs(&mut self, is_front: bool) -> Result<Table, String> {
-        let texels = self.lightmap.as_ref().ok_or("no lightmap was made")?;
-        let side = usize::from(!is_front);
-        let corners = |at: u32| {
-            let uv = &texels.uvs[at as usize];
-            [uv.corner, uv.corner_a, uv.corner_b].map(|corner| corner.to_array())
-        };
-        let none = [[f32::NAN; 2]; 3];
-        let of_sides = texels.sides.iter().map(|sides| sides[side]);
-        self.table = of_sides.flat_map(|at| if at == NONE { none } else { corners(at) }).flatten().collect();
+    pub fn lightmap_uvs(&mut self) -> Result<Table, String> {
+        let lightmap = self.lightmap.as_ref().ok_or("no lightmap was made")?;
+        let uvs = lightmap.corner_uvs(&self.corners).into_iter();
+        let numbers = |uvs: Option<[Vec2; 3]>| uvs.unwrap_or([Vec2::NAN; 3]).map(|corner| corner.to_array());
+        self.table = uvs.flat_map(numbers).flatten().collect();
         Ok(self.kept())
     }
 
@@ -265,13 +235,12 @@ impl LightField {
         let lighting = bake.scene().lighting.clone();
         let settings = LightSettings::default().with_method(method);
         let field = patchlight::LightField::new(bake, Box::new(Cpu::new()), &settings, &Silent).map_err(text)?;
-        Ok(Self { field, lighting, lightmap: None, whole: None, rows: Vec::new(), table: Vec::new(), sets: Vec::new() })
+        Ok(Self { field, lighting, lightmap: None, corners: Vec::new(), table: Vec::new(), sets: Vec::new() })
     }
 
-    /// With the scene that was baked, whose triangles a page knows.
-    #[cfg(feature = "bake")]
-    pub(crate) fn with_whole(self, whole: Scene) -> Self {
-        Self { whole: Some(whole), ..self }
+    fn own_corners(&self) -> Vec<[Vec3; 3]> {
+        let corners = |t: &Triangle| [t.corner, t.corner + t.edge_a, t.corner + t.edge_b];
+        self.field.bake().scene().geometry.triangles.iter().map(corners).collect()
     }
 
     fn set(&self, set: usize) -> Result<PointSet, String> {
@@ -293,58 +262,6 @@ impl LightField {
     pub fn numbers(&self) -> &[f32] {
         &self.table
     }
-}
-
-fn place_seed(place: Vec3) -> u32 {
-    let [x, y, z] = place.to_array().map(f32::to_bits);
-    hash3(x, y, z)
-}
-
-/// What the receivers of a lightmap take from a bake of its scene: by a short ray onto their surface. Those that meet none
-/// with light take the row of the receiver before them, a neighbour.
-fn rows_of(lightmap: &LightmapTexels, bake: &Bake) -> Vec<Row> {
-    let mesh = &bake.receivers().interpolation;
-    let scene = bake.scene();
-    let tables = scene.tables();
-    let row = |point: &SurfacePoint| {
-        LIFTS.iter().find_map(|lift| {
-            let lift = lift * scene.geometry.ray_offset;
-            let hit = scene.closest_before(point.position + point.normal * lift, -point.normal, 2.0 * lift);
-            if hit.is_miss() {
-                return None;
-            }
-            let front = tables.normal(hit.triangle).dot(point.normal) > 0.0;
-            let (vertices, weights) = vertices_at(&mesh.grids, &mesh.cells, &mesh.vertices, hit, front);
-            (vertices.x != NONE).then(|| (vertices.to_array(), weights.to_array()))
-        })
-    };
-    let mut last = ([0; 3], [0.0; 3]);
-    let rows = lightmap.points().iter().map(|point| {
-        last = row(point).unwrap_or(last);
-        last
-    });
-    rows.collect()
-}
-
-/// Irradiance at the receivers of a lightmap by their rows, with direct light where it is asked for.
-fn on_rows(rows: &[Row], irradiance: &[Vec3], lit: &Scene, lightmap: &LightmapTexels, part: LightPart) -> Vec<Vec4> {
-    let sum = |(vertices, weights): &Row| -> Vec3 {
-        vertices
-            .iter()
-            .zip(weights)
-            .map(|(&k, &weight)| irradiance.get(k as usize).copied().unwrap_or(Vec3::ZERO) * weight)
-            .sum()
-    };
-    let mut values: Vec<Vec4> = rows.iter().map(|row| sum(row).extend(0.0)).collect();
-    if part == LightPart::Full {
-        let points = lightmap.points();
-        let sky_rays = if lit.has_sky() { DIRECT_RAYS } else { 0 };
-        let count = points.len() as u32;
-        let params = DirectParams { count, area_rays: DIRECT_RAYS, sky_rays, ..direct_params(lit) };
-        let direct = lit.direct_irradiance(&params, points);
-        values.iter_mut().zip(direct).for_each(|(sum, direct)| *sum += direct.extend(0.0));
-    }
-    values
 }
 
 pub(crate) fn radiance(red: f32, green: f32, blue: f32) -> Result<Vec3, String> {

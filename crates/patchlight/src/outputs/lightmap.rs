@@ -7,7 +7,7 @@ use glam::{Vec2, Vec3};
 use patches::LightmapTexels;
 use rayon::prelude::*;
 use scene::gpu::{Triangle, TriangleUv};
-use scene::sampling::hash3;
+use scene::sampling::{hammersley, hash3, uniform_triangle};
 use scene::{
     Lighting, Material, NONE, POINT_WALKS, ReceiverSet as _, Scene, SceneParts, SidePolicy, Sides, SurfacePoint,
     find_sides, is_open,
@@ -21,6 +21,8 @@ use crate::light::LightField;
 
 /// Texels look for the bake's surface from so many ray offsets above it, and then from farther.
 const LIFTS: [f32; 3] = [2.0, 16.0, 128.0];
+/// Places of a triangle that tell which side of it has light.
+const SIDE_SAMPLES: u32 = 16;
 /// Rays from a texel to each material that shines, and to the sky.
 const RAYS: u32 = 64;
 
@@ -66,7 +68,8 @@ impl LiveLightmap {
     }
 
     /// Lays out triangles, the corners of each in m, counter-clockwise from the front, on the surfaces of a bake: for
-    /// an engine that has its geometry and a bake from a file. Triangles that the bake does not know have no chart.
+    /// an engine that has its geometry and a bake from a file. A triangle has its front's light, or its back's where only
+    /// that has any. Triangles that the bake does not know have no chart.
     ///
     /// # Errors
     /// As [`Self::new`]; corners that are no numbers; [`Unsupported`](crate::ErrorKind::Unsupported) unless receivers
@@ -86,8 +89,18 @@ impl LiveLightmap {
             materials: vec![Material::default()],
             ..SceneParts::default()
         };
-        let sides = vec![Sides { front: true, back: true }; triangles.len()];
-        Self::laid_out(&Scene::new(parts)?, &sides, texel, &|point| row(bake, point).is_some())
+        let scene = Scene::new(parts)?;
+        let tables = scene.tables();
+        let is_lit = |triangle: u32| {
+            (0..SIDE_SAMPLES).any(|k| {
+                let (u, v) = uniform_triangle(hammersley(k, SIDE_SAMPLES, (0, 0)));
+                let (position, normal) = (tables.position(triangle, u, v), tables.normal(triangle));
+                row(bake, &SurfacePoint { position, patch: NONE, normal, weight: 1.0 }).is_some()
+            })
+        };
+        let side = |triangle| Sides { front: true, back: !is_lit(triangle) };
+        let sides: Vec<Sides> = (0..triangles.len() as u32).into_par_iter().map(side).collect();
+        Self::laid_out(&scene, &sides, texel, &|point| row(bake, point).is_some())
     }
 
     fn laid_out(
