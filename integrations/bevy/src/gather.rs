@@ -48,7 +48,8 @@ pub(crate) struct Snapshot {
     /// Bevy's materials, in the order of ours, which begin at 1.
     pub ids: Vec<AssetId<StandardMaterial>>,
     materials: Vec<MaterialParts>,
-    textures: Vec<((u32, u32), Vec<u8>)>,
+    /// Size, sRGB texels, and the linear color by which they are multiplied.
+    textures: Vec<((u32, u32), Vec<u8>, Vec3)>,
     known: HashMap<AssetId<StandardMaterial>, usize>,
     textures_known: HashMap<(AssetId<Image>, [u32; 3]), Option<usize>>,
 }
@@ -173,7 +174,7 @@ impl Snapshot {
             let (size, mut texels) = ((own.width(), own.height()), own.data?);
             // Coarser levels follow.
             texels.truncate(4 * size.0 as usize * size.1 as usize);
-            Some((size, tinted(texels, color)))
+            Some((size, texels, color))
         });
         if bytes.is_none() {
             warn!(
@@ -195,7 +196,8 @@ impl Snapshot {
     /// A mesh or a light that makes no sense, by its name; no triangles.
     pub fn scene(&self, lighting: Lighting) -> Result<Scene, BuildError> {
         let mut builder = Scene::builder();
-        let textures: Vec<_> = self.textures.iter().map(|(size, rgba)| builder.add_texture(*size, rgba)).collect();
+        let texture = |(size, rgba, color): &_| builder.add_tinted_texture(*size, rgba, *color);
+        let textures: Vec<_> = self.textures.iter().map(texture).collect();
         for material in &self.materials {
             match material.texture {
                 Some(texture) => builder.add_textured(textures[texture], material.cutoff),
@@ -209,20 +211,4 @@ impl Snapshot {
         scene.set_lighting(lighting)?;
         Ok(scene)
     }
-}
-
-/// sRGB texels times a linear colour.
-fn tinted(mut rgba: Vec<u8>, color: Vec3) -> Vec<u8> {
-    use patchlight::scene::kernel::shade::{decode_srgb, encode_srgb};
-    if color == Vec3::ONE {
-        return rgba;
-    }
-    let tables = color.to_array().map(|factor| -> Vec<u8> {
-        let times = |byte: u32| encode_srgb((decode_srgb(byte as f32 / 255.0) * factor).clamp(0.0, 1.0));
-        (0..256).map(|byte| (times(byte) * 255.0 + 0.5) as u8).collect()
-    });
-    for texel in rgba.chunks_exact_mut(4) {
-        texel.iter_mut().zip(&tables).for_each(|(byte, table)| *byte = table[usize::from(*byte)]);
-    }
-    rgba
 }

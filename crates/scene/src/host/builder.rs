@@ -279,7 +279,12 @@ impl SceneBuilder {
 
     /// Adds a picture of sRGB bytes: red, green, blue and alpha of each texel, row by row from the top. Surfaces
     /// reflect at most 0.95 of a channel; brighter texels are lowered to that.
-    pub fn add_texture(&mut self, (width, height): (u32, u32), rgba: &[u8]) -> TextureId {
+    pub fn add_texture(&mut self, size: (u32, u32), rgba: &[u8]) -> TextureId {
+        self.add_tinted_texture(size, rgba, Vec3::ONE)
+    }
+
+    /// As [`Self::add_texture`], times a linear color.
+    pub fn add_tinted_texture(&mut self, (width, height): (u32, u32), rgba: &[u8], color: Vec3) -> TextureId {
         let texture = self.parts.textures.len();
         let expected = 4 * width as usize * height as usize;
         if rgba.len() != expected || expected == 0 {
@@ -287,7 +292,7 @@ impl SceneBuilder {
             return TextureId(NONE);
         }
         let texel = |c: &[u8]| {
-            let [r, g, b] = [0, 1, 2].map(|k| decode_srgb(f32::from(c[k]) / 255.0).min(MAX_ALBEDO));
+            let [r, g, b] = [0, 1, 2].map(|k| (decode_srgb(f32::from(c[k]) / 255.0) * color[k]).clamp(0.0, MAX_ALBEDO));
             Vec4::new(r, g, b, f32::from(c[3]) / 255.0)
         };
         let mut pyramid = Pyramid::new((width, height), 0);
