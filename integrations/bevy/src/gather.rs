@@ -196,8 +196,9 @@ impl Snapshot {
     /// A mesh or a light that makes no sense, by its name; no triangles.
     pub fn scene(&self, lighting: Lighting) -> Result<Scene, BuildError> {
         let mut builder = Scene::builder();
-        let texture = |(size, rgba, color): &_| builder.add_tinted_texture(*size, rgba, *color);
-        let textures: Vec<_> = self.textures.iter().map(texture).collect();
+        let textures: Vec<_> = (self.textures.iter())
+            .map(|(size, rgba, color)| builder.add_tinted_texture(*size, rgba, *color))
+            .collect();
         for material in &self.materials {
             match material.texture {
                 Some(texture) => builder.add_textured(textures[texture], material.cutoff),

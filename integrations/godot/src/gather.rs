@@ -9,7 +9,8 @@ use godot::classes::mesh::{ArrayType, PrimitiveType};
 use godot::classes::{BaseMaterial3D, Material as GodotMaterial, MeshInstance3D, Node, SurfaceTool, Texture2D};
 use godot::prelude::*;
 use patchlight::glam::{Affine3A, Mat3, Vec2, Vec3};
-use patchlight::scene::BuildError;
+use patchlight::scene::gpu::Triangle;
+use patchlight::scene::{BuildError, SidePolicy, Sides, find_sides};
 use patchlight::{Lighting, MAX_ALBEDO, Material, MaterialId, Mesh, Scene};
 
 /// Nodes of this group hide and reflect light where they move.
@@ -33,12 +34,13 @@ struct Reflected {
     cutoff: Option<f32>,
 }
 
+/// A surface as arrays without indices, and which of [`Gathered::surfaces`] it is; none for one that is left out.
+pub type SurfaceArrays = (VarArray, Option<usize>);
+
 /// Meshes below a node that rest.
 #[derive(Default)]
 pub struct Gathered {
-    /// Each mesh with its surfaces as arrays without indices, and which of `surfaces` each is; none for one that is left
-    /// out.
-    pub meshes: Vec<(Gd<MeshInstance3D>, Vec<(VarArray, Option<usize>)>)>,
+    pub meshes: Vec<(Gd<MeshInstance3D>, Vec<SurfaceArrays>)>,
     pub surfaces: Vec<(Surface, Affine3A)>,
     /// Meshes that move and hide light.
     pub moving: Vec<Gd<MeshInstance3D>>,
@@ -244,8 +246,8 @@ impl Gathered {
     /// A mesh or a light that makes no sense, by its name; no triangles.
     pub fn scene(&self, lighting: Lighting) -> Result<Scene, BuildError> {
         let mut builder = Scene::builder();
-        let texture = |(size, rgba, color): &_| builder.add_tinted_texture(*size, rgba, *color);
-        let textures: Vec<_> = self.textures.iter().map(texture).collect();
+        let textures: Vec<_> =
+            (self.textures.iter()).map(|(size, rgba, color)| builder.add_tinted_texture(*size, rgba, *color)).collect();
         for material in &self.reflected {
             match material.texture {
                 Some(texture) => builder.add_textured(textures[texture], material.cutoff),
@@ -262,14 +264,23 @@ impl Gathered {
         Ok(scene)
     }
 
+    /// The side of each triangle that a lightmap has: its front, unless only its back is lit and drawn.
+    pub fn sides(&self, scene: &Scene) -> Vec<Sides> {
+        let is_two_sided = |own: &Option<Gd<GodotMaterial>>| {
+            let own = own.clone().and_then(|own| own.try_cast::<BaseMaterial3D>().ok());
+            own.is_some_and(|own| own.get_cull_mode() == CullMode::DISABLED)
+        };
+        let two_sided: Vec<bool> = self.materials.iter().map(is_two_sided).collect();
+        let side = |(triangle, lit): (&Triangle, Sides)| {
+            let material = self.surfaces[triangle.object as usize].0.material;
+            let is_back = two_sided[material] && lit.back && !lit.front;
+            Sides { front: !is_back, back: is_back }
+        };
+        scene.geometry.triangles.iter().zip(find_sides(scene, SidePolicy::Lit)).map(side).collect()
+    }
+
     /// Corners of all triangles, one surface after the other.
     pub fn corners(&self) -> Vec<[Vec3; 3]> {
         self.surfaces.iter().flat_map(|(surface, transform)| surface.corners(*transform)).collect()
     }
-}
-
-/// Returns true if both sides of a material are drawn.
-pub fn is_two_sided(own: &Option<Gd<GodotMaterial>>) -> bool {
-    let own = own.clone().and_then(|own| own.try_cast::<BaseMaterial3D>().ok());
-    own.is_some_and(|own| own.get_cull_mode() == CullMode::DISABLED)
 }

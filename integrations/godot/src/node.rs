@@ -4,7 +4,7 @@ use godot::classes::{INode3D, MeshInstance3D, Node, Node3D};
 use godot::prelude::*;
 use patchlight::method::{FeedbackSettings, TemporalSettings};
 use patchlight::outputs::LiveLightmap;
-use patchlight::{BakeSettings, Codec, DeviceChoice, Lighting, MethodSettings};
+use patchlight::{BakeSettings, Codec, DeviceChoice, MethodSettings};
 
 use crate::gather::{Gathered, affine};
 use crate::lights::{Lamps, Which};
@@ -49,16 +49,16 @@ pub struct PatchlightGi {
     #[init(val = false)]
     wait: bool,
     /// How far the bake is, 0 to 1.
-    #[var(get, no_set)]
+    #[var(no_set)]
     progress: f32,
     /// Light updates so far.
-    #[var(get, no_set)]
+    #[var(no_set)]
     updates: i32,
     /// Time of the last of them, with texels, ms.
-    #[var(get, no_set)]
+    #[var(no_set)]
     update_time: f32,
     /// Patches of the bake.
-    #[var(get, no_set)]
+    #[var(no_set)]
     patches: i32,
     lit: Option<Lit>,
     lamps: Lamps,
@@ -127,7 +127,7 @@ impl PatchlightGi {
         let gathered = Gathered::new(&root);
         let lighting = self.lamps.now(&root, gathered.emission(), Which::Possible);
         let scene = gathered.scene(lighting).map_err(|error| error.to_string())?;
-        let lightmap = LiveLightmap::new(&scene, self.texel)
+        let lightmap = LiveLightmap::of_sides(&scene, &gathered.sides(&scene), self.texel)
             .map_err(|error| format!("{error}; a larger texel than {} m makes a smaller lightmap", self.texel))?;
         let world = self.base().get_world_3d().ok_or("the node is in no world")?;
         let show = Show::new(&gathered, &lightmap, world.get_scenario());

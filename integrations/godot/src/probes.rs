@@ -95,7 +95,7 @@ fn split_cell(grid: &Grid, cells: [usize; 3], cell: [usize; 3], tree: &mut Vec<i
         push(tree, normal, corner(a) / grid.step[a] - corner(b) / grid.step[b])
     };
     // x > y, then where z stands beside them.
-    let mut half = |tree: &mut Vec<i32>, large: usize, small: usize| {
+    let half = |tree: &mut Vec<i32>, large: usize, small: usize| {
         let top = compare(tree, 2, large);
         let bottom = compare(tree, 2, small);
         link(tree, bottom, leaf([large, 2, small]), leaf([large, small, 2]));

@@ -70,11 +70,6 @@ impl Show {
         Self { meshes, size: (width, height + DARK_ROWS), texture: None, lightmap: own, instance, probes: None }
     }
 
-    /// Texels of a row, and rows.
-    pub fn size(&self) -> (u32, u32) {
-        self.size
-    }
-
     /// Shows a light.
     pub fn show(&mut self, light: &Light) {
         let (width, height) = self.size;

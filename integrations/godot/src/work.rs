@@ -150,7 +150,7 @@ struct Probes {
 }
 
 fn run(order: Order, asked: &Receiver<Moment>, tell: &Sender<Told>) -> Result<(), Error> {
-    let refinement = Refinement::default().with_methods(vec![order.method.clone()]);
+    let refinement = Refinement::default().with_methods(vec![order.method]);
     let mut job = Some(Bake::refine(&order.scene, &order.settings, refinement)?);
     let mut state: Option<State> = None;
     let mut start = Some(order);
