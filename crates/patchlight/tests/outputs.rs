@@ -11,11 +11,12 @@ use patchlight::outputs::{
     is_lit, lit_sides, on_lightmap, on_view,
 };
 use patchlight::{
-    Bake, BakeSettings, LightField, LightSettings, Lighting, PictureRenderer, PictureSettings, ReceiverKind, Silent,
+    Bake, BakeSettings, LightField, LightSettings, Lighting, Mesh, PictureRenderer, PictureSettings, Radiance,
+    ReceiverKind, Silent,
 };
 use runtime::cpu::Cpu;
 use scene::gpu::{LIGHT_POINT, Triangle, TriangleUv};
-use scene::{Camera, Light, Material, NONE, ReceiverSet as _, Scene, SceneParts, Sky, SurfacePoint};
+use scene::{Camera, Light, Material, NONE, ReceiverSet as _, Scene, SceneParts, Sides, Sky, SurfacePoint};
 
 /// The Cornell box with the light of its lamp.
 fn lit(receivers: ReceiverKind) -> (PictureRenderer, Arc<Bake>) {
@@ -125,6 +126,27 @@ fn a_live_lightmap_follows_its_field_to_another_bake() {
     assert!(fine != other && fine == again);
     let pairs: Vec<_> = other.iter().copied().zip(fine.iter().copied()).collect();
     assert!(difference(&pairs) < 0.1, "{}", difference(&pairs));
+}
+
+#[test]
+fn a_floor_that_sees_the_sky_alone_has_a_live_lightmap() {
+    let floor = [Vec3::ZERO, Vec3::Z, Vec3::new(1.0, 0.0, 1.0), Vec3::X];
+    let mut builder = Scene::builder();
+    builder.add_mesh(Mesh { positions: &floor, indices: &[0, 1, 2, 0, 2, 3], ..Mesh::default() });
+    builder.set_sky(Radiance(Vec3::splat(2.0)));
+    let scene = builder.build().unwrap();
+    let settings = BakeSettings::default().with_patch_count(8).with_receivers(ReceiverKind::Mesh);
+    let bake = Arc::new(Bake::build(&scene, &settings, &Silent).unwrap());
+    let mut field = LightField::new(bake, Box::new(Cpu::new()), &LightSettings::default(), &Silent).unwrap();
+    field.update(&scene.lighting).unwrap();
+    let sides = vec![Sides { front: true, back: false }; 2];
+    let mut lightmap = LiveLightmap::of_sides(&scene, &sides, 0.25).unwrap();
+    let values = lightmap.irradiance(&mut field, LightPart::WithoutLights).unwrap();
+    // Nothing is reflected; of the sky comes pi L.
+    let expected = 2.0 * std::f32::consts::PI;
+    assert!(!values.is_empty() && values.iter().all(|e| (e.x / expected - 1.0).abs() < 1e-3), "{values:?}");
+    let indirect = lightmap.irradiance(&mut field, LightPart::Indirect).unwrap();
+    assert!(indirect.iter().all(|e| *e == Vec3::ZERO));
 }
 
 #[test]

@@ -19,6 +19,8 @@ use crate::gather::{below, linear, vector};
 
 /// Texels of the map that is made of a sky: light needs no more of it.
 const SKY_SIZE: (u32, u32) = (64, 32);
+/// Frames in which a sky that is black is asked for.
+const SKY_TRIES: u32 = 60;
 /// Steps of the angle in which the fall-off of a spot is told.
 const SPOT_STEPS: usize = 256;
 
@@ -34,7 +36,8 @@ pub enum Which {
 /// The lights below a node.
 #[derive(Default)]
 pub struct Lamps {
-    sky: Option<(Gd<Environment>, Arc<[Vec4]>)>,
+    /// An environment, its map, and how often it was asked for.
+    sky: Option<(Gd<Environment>, Arc<[Vec4]>, u32)>,
     /// True once it was said that falls of light with the distance are taken as those of nature.
     is_told: bool,
 }
@@ -104,11 +107,13 @@ impl Lamps {
         let Some(environment) = worlds.iter().find_map(|world| world.get_environment()) else {
             return (Sky::default(), Arc::new([]));
         };
-        if self.sky.as_ref().is_none_or(|(own, _)| *own != environment) {
-            let map = panorama(&environment);
-            self.sky = Some((environment, map));
-        }
-        let map = self.sky.as_ref().map_or(Arc::from([]), |(_, map)| Arc::clone(map));
+        let known = self.sky.take().filter(|(own, ..)| *own == environment);
+        let (map, asked) = match known {
+            // A sky that was not drawn yet is black.
+            Some((_, map, asked)) if asked >= SKY_TRIES || map.iter().any(|texel| *texel != Vec4::ZERO) => (map, asked),
+            other => (panorama(&environment), other.map_or(1, |(.., asked)| asked + 1)),
+        };
+        self.sky = Some((environment, Arc::clone(&map), asked));
         if map.is_empty() {
             return (Sky::default(), map);
         }

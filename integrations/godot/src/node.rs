@@ -127,6 +127,9 @@ impl PatchlightGi {
         let gathered = Gathered::new(&root);
         let lighting = self.lamps.now(&root, gathered.emission(), Which::Possible);
         let scene = gathered.scene(lighting).map_err(|error| error.to_string())?;
+        if !(self.texel.is_finite() && self.texel > 0.0) {
+            return Err(format!("texel is {} m; it is positive", self.texel));
+        }
         let lightmap = LiveLightmap::of_sides(&scene, &gathered.sides(&scene), self.texel)
             .map_err(|error| format!("{error}; a larger texel than {} m makes a smaller lightmap", self.texel))?;
         let world = self.base().get_world_3d().ok_or("the node is in no world")?;
@@ -188,6 +191,7 @@ impl PatchlightGi {
 
     /// Takes what the thread has told.
     fn hear(&mut self) {
+        let Ok(root) = self.root() else { return };
         while let Some(lit) = &mut self.lit {
             // The finest light of now.
             let waits = self.wait && (lit.is_asked || self.progress < 1.0);
@@ -198,7 +202,7 @@ impl PatchlightGi {
                 Some(Told::Failed(reason)) => self.fail(&reason),
                 Some(Told::Light(light)) => {
                     lit.is_asked = false;
-                    lit.show.show(&light);
+                    lit.show.show(&light, &root);
                     self.updates += 1;
                     self.update_time = 1000.0 * light.seconds;
                     self.patches = light.patches as i32;

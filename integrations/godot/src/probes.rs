@@ -1,16 +1,16 @@
 //! Probes on a grid as a lightmap of Godot's has them: tetrahedra, and a tree of planes that finds the one about a point.
 
 use godot::prelude::*;
+use patchlight::glam::Vec3;
 
-use crate::work::{Grid, ProbeLight};
+use crate::work::{Grid, ProbeLight, SIDES};
 
 /// Numbers of a node of the tree: a plane, and what lies over and under it.
 const NODE: usize = 6;
 /// Coefficients of a probe.
 const HARMONICS: usize = 9;
-/// Factors by which Godot multiplies the first coefficient and the three of degree 1.
-const FIRST: f32 = 0.886_227;
-const SECOND: f32 = 1.023_327;
+/// Factors by which Godot multiplies coefficients (Ramamoorthi and Hanrahan 2001): twice the second in degree 1.
+const C: [f32; 5] = [0.429_043, 0.511_664, 0.743_125, 0.886_227, 0.247_708];
 
 /// The six tetrahedra of a cell, along ways from its first corner to its last: the axes in the order in which each
 /// goes along them.
@@ -122,20 +122,27 @@ fn link(tree: &mut [i32], node: i32, over: i32, under: i32) -> i32 {
     node
 }
 
-/// Coefficients of all probes: those by which Godot finds the radiance of a white surface.
+/// Coefficients of all probes, of which Godot makes the radiance of a white surface: with normal n it is
+/// `Σ (n_a² (E_+a + E_−a) + n_a (E_+a − E_−a)) / 2π` over the axes a, which is the cube's own along each.
 pub fn harmonics(light: &ProbeLight) -> PackedColorArray {
-    let mut all = Vec::with_capacity(HARMONICS * light.values.len());
-    for [mean, x, y, z] in &light.values {
-        let own = [*mean / FIRST, *y / SECOND, *z / SECOND, *x / SECOND].map(|own| own * std::f32::consts::FRAC_1_PI);
-        all.extend(own.map(|own| Color::from_rgb(own.x, own.y, own.z)));
-        all.extend([Color::from_rgb(0.0, 0.0, 0.0); HARMONICS - 4]);
-    }
-    all.into()
+    let all = light.cubes.iter().flat_map(coefficients);
+    all.map(|own| Color::from_rgb(own.x, own.y, own.z)).collect()
+}
+
+fn coefficients(cube: &[Vec3; SIDES]) -> [Vec3; HARMONICS] {
+    let half = 0.5 * std::f32::consts::FRAC_1_PI;
+    let [even_x, even_y, even_z] = [0, 2, 4].map(|side| (cube[side] + cube[side + 1]) * half);
+    let [odd_x, odd_y, odd_z] = [0, 2, 4].map(|side| (cube[side] - cube[side + 1]) * half / (2.0 * C[1]));
+    let flat = 0.5 * (even_x + even_y);
+    let sixth = (even_z - flat) / C[2];
+    let none = Vec3::ZERO;
+    let first = (flat + C[4] * sixth) / C[3];
+    [first, odd_y, odd_z, odd_x, none, none, sixth, none, (even_x - even_y) * 0.5 / C[0]]
 }
 
 #[cfg(test)]
 mod tests {
-    use patchlight::glam::Vec3;
+    use patchlight::scene::sampling::hash3;
 
     use super::*;
 
@@ -151,6 +158,22 @@ mod tests {
         (-node - 1) as usize
     }
 
+    /// What Godot shows of coefficients.
+    fn shown(sh: &[Vec3; HARMONICS], n: Vec3) -> Vec3 {
+        C[0] * sh[8] * (n.x * n.x - n.y * n.y) + C[2] * sh[6] * n.z * n.z + C[3] * sh[0] - C[4] * sh[6]
+            + 2.0 * C[1] * (sh[3] * n.x + sh[1] * n.y + sh[2] * n.z)
+    }
+
+    #[test]
+    fn coefficients_give_the_cube_along_its_axes() {
+        let cube = std::array::from_fn(|side| Vec3::new(side as f32, 0.5, (side * side) as f32));
+        let own = coefficients(&cube);
+        for (side, normal) in [Vec3::X, -Vec3::X, Vec3::Y, -Vec3::Y, Vec3::Z, -Vec3::Z].into_iter().enumerate() {
+            let found = shown(&own, normal) * std::f32::consts::PI;
+            assert!((found - cube[side]).abs().max_element() < 1e-4, "{side}: {found}");
+        }
+    }
+
     #[test]
     fn the_tree_finds_the_tetrahedron_about_a_point() {
         let grid = Grid { first: Vec3::new(-1.0, 2.0, 0.5), step: Vec3::new(0.5, 0.25, 1.0), counts: [4, 3, 5] };
@@ -160,9 +183,7 @@ mod tests {
         assert_eq!(split(&grid, cells, [[0, 0, 0], cells], &mut tree), 0);
         let mut met = std::collections::BTreeSet::new();
         for k in 0..4000u32 {
-            let share = |axis: u32| {
-                (((k * 7919 + axis * 104_729) * 2_654_435_761u32.wrapping_add(axis)) >> 8) as f32 / (1 << 24) as f32
-            };
+            let share = |axis: u32| (hash3(k, axis, 7) >> 8) as f32 / (1 << 24) as f32;
             let at = Vec3::new(share(0), share(1), share(2)) * Vec3::new(3.0, 2.0, 4.0);
             let found = find(&tree, grid.first + at * grid.step);
             met.insert(found);

@@ -1,14 +1,15 @@
 //! A lightmap and its probes in Godot's rendering server, on meshes of their own beside those of the scene.
 
+use godot::classes::geometry_instance_3d::GiMode;
 use godot::classes::image::Format;
 use godot::classes::mesh::{ArrayType, PrimitiveType};
 use godot::classes::rendering_server::TextureLayeredType;
-use godot::classes::{ArrayMesh, Image, MeshInstance3D, RenderingServer};
+use godot::classes::{ArrayMesh, GeometryInstance3D, Image, MeshInstance3D, Node, RenderingServer};
 use godot::prelude::*;
 use patchlight::glam::{Vec2, Vec3};
 use patchlight::outputs::LiveLightmap;
 
-use crate::gather::Gathered;
+use crate::gather::{Gathered, below};
 use crate::probes::{Tetrahedra, harmonics};
 use crate::work::{Light, ProbeLight};
 
@@ -71,7 +72,7 @@ impl Show {
     }
 
     /// Shows a light.
-    pub fn show(&mut self, light: &Light) {
+    pub fn show(&mut self, light: &Light, root: &Gd<Node>) {
         let (width, height) = self.size;
         let mut texels = light.texels.clone();
         texels.resize(TEXEL * width as usize * height as usize, 0);
@@ -91,16 +92,18 @@ impl Show {
             }
         }
         if let Some(probes) = &light.probes {
-            self.show_probes(probes);
+            self.show_probes(probes, root);
         }
     }
 
-    fn show_probes(&mut self, light: &ProbeLight) {
+    fn show_probes(&mut self, light: &ProbeLight, root: &Gd<Node>) {
         if self.probes.as_ref().is_none_or(|own| own.grid != light.grid) {
             self.probes = Tetrahedra::new(light.grid);
+            // Godot lets probes fade towards the low corners of their bounds; at a third of the way they are whole.
             let size = light.grid.step * Vec3::from(light.grid.counts.map(|count| count as f32));
-            let low = light.grid.first - 0.5 * light.grid.step;
-            let bounds = Aabb::new(Vector3::new(low.x, low.y, low.z), Vector3::new(size.x, size.y, size.z));
+            let low = light.grid.first - 0.5 * light.grid.step - size;
+            let vector = |v: Vec3| Vector3::new(v.x, v.y, v.z);
+            let bounds = Aabb::new(vector(low), vector(3.0 * size));
             let mut server = RenderingServer::singleton();
             server.lightmap_set_probe_bounds(self.lightmap, bounds);
             server.lightmap_set_probe_interior(self.lightmap, false);
@@ -113,6 +116,13 @@ impl Show {
                 &own.tetrahedra,
                 &own.tree,
             );
+        }
+        // Godot looks at probes when an instance changes.
+        let mut all = Vec::new();
+        below::<GeometryInstance3D>(root, &mut all);
+        let mut server = RenderingServer::singleton();
+        for instance in all.iter().filter(|instance| instance.get_gi_mode() == GiMode::DYNAMIC) {
+            server.instance_set_extra_visibility_margin(instance.get_instance(), instance.get_extra_cull_margin());
         }
     }
 

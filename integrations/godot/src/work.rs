@@ -24,7 +24,8 @@ const FEW_RAYS: u32 = 32;
 const MANY_RAYS: u32 = 256;
 /// Rays of each probe.
 const PROBE_RAYS: u32 = 256;
-const SIDES: usize = CUBE_SIDES as usize;
+/// Sides of a probe.
+pub const SIDES: usize = CUBE_SIDES as usize;
 /// The thread looks so often for a finer bake.
 const PAUSE: Duration = Duration::from_millis(30);
 
@@ -71,8 +72,8 @@ pub struct Light {
 /// Light of probes on a grid.
 pub struct ProbeLight {
     pub grid: Grid,
-    /// Irradiance of each, row by row along x, then y, then z: its mean, and by how much it grows along each axis.
-    pub values: Vec<[Vec3; 4]>,
+    /// Irradiance of each for the normals +x, −x, +y, −y, +z, −z, W/m², row by row along x, then y, then z.
+    pub cubes: Vec<[Vec3; SIDES]>,
 }
 
 /// Places of probes.
@@ -276,10 +277,9 @@ impl Probes {
         let counts = [shape.count_x, shape.count_y, shape.count_z];
         let grid = Grid { first: shape.origin + 0.5 * shape.edges, step: shape.edges, counts };
         let of_voxel = |probe: &u32| {
-            let cube = &cubes[SIDES * (probe & !EMPTY_CELL) as usize..][..SIDES];
-            let along = |axis: usize| 0.5 * (cube[2 * axis] - cube[2 * axis + 1]);
-            [cube.iter().sum::<Vec3>() / SIDES as f32, along(0), along(1), along(2)]
+            let first = SIDES * (probe & !EMPTY_CELL) as usize;
+            std::array::from_fn(|side| cubes[first + side])
         };
-        Ok(ProbeLight { grid, values: self.volume.probes.iter().map(of_voxel).collect() })
+        Ok(ProbeLight { grid, cubes: self.volume.probes.iter().map(of_voxel).collect() })
     }
 }

@@ -172,17 +172,15 @@ impl LiveLightmap {
         self.irradiance_of(field, &surface, part)
     }
 
-    /// As [`Self::irradiance`], of what [`LightField::surface_irradiance`] has read already.
+    /// As [`Self::irradiance`], of what [`LightField::surface_irradiance`] of the same bake has read already.
     ///
     /// # Errors
     /// As [`Self::irradiance`].
-    ///
-    /// # Panics
-    /// If `surface` is of another bake than the field's.
     pub fn irradiance_of(&mut self, field: &LightField, surface: &[Vec3], part: LightPart) -> Result<Vec<Vec3>, Error> {
         self.take(field.bake())?;
         let sum = |(points, weights): &Row| -> Vec3 {
-            points.iter().zip(weights).map(|(&k, &weight)| surface[k as usize] * weight).sum()
+            let of = |(&k, &weight): (&u32, &f32)| surface.get(k as usize).map_or(Vec3::ZERO, |own| *own * weight);
+            points.iter().zip(weights).map(of).sum()
         };
         let mut values: Vec<Vec3> = self.rows.par_iter().map(sum).collect();
         if part == LightPart::Indirect {

@@ -17,6 +17,7 @@ func run() -> void:
 		await a_sphere_round_a_lamp_has_the_light_of_the_closed_form()
 		await a_spot_in_a_sphere_fills_it_by_its_flux()
 		await what_moves_has_the_light_of_its_place()
+		await what_moves_knows_where_light_comes_from()
 		await a_wall_by_a_sunlit_floor_has_the_light_of_the_closed_form()
 		await a_floor_under_a_bright_panel_and_a_sky()
 	print("tests of the node: %s" % ("passed" if failures == 0 else "%d failed" % failures))
@@ -220,8 +221,44 @@ func what_moves_has_the_light_of_its_place() -> void:
 	ball.height = 0.6
 	var moving := mesh(view, ball, surface(0.8), Vector3(0, 0.8, 0))
 	moving.gi_mode = GeometryInstance3D.GI_MODE_DYNAMIC
-	node(view, {"probe_count": 512})
-	near(await shown(view), 0.8 * 0.6 / (1.0 - 0.6) / 4.0, 0.08, "a ball that moves")
+	var gi := node(view, {"probe_count": 512})
+	var expected := 0.8 * 0.6 / (1.0 - 0.6) / 4.0
+	near(await shown(view), expected, 0.08, "a ball that moves")
+	# It rests while the light changes.
+	lamp.light_energy = 2.0
+	near(await shown(view), 2.0 * expected, 0.08, "the ball in twice the light")
+	# What hides light hides it from the probes about it, too.
+	moving.add_to_group("patchlight_moving")
+	gi.bake()
+	near(await shown(view), 2.0 * expected, 0.2, "the ball, which hides light itself")
+	# Near a corner of the room of probes as well.
+	moving.position = Vector3(-0.7, -0.8, -0.7)
+	view.get_camera_3d().position = Vector3(-0.7, 0.0, -0.7)
+	near(await shown(view), 2.0 * expected, 0.2, "the ball elsewhere")
+	await end(view)
+
+# A ball under a bright panel has light from above, F L, and none from below.
+func what_moves_knows_where_light_comes_from() -> void:
+	var view := world(Vector3(0, 0.7, 0), Vector3.ZERO)
+	var panel := surface(0.01)
+	panel.emission_enabled = true
+	panel.emission = Color.WHITE
+	box(view, Vector3(2, 0.05, 2), panel, Vector3(0, 1.025, 0))
+	box(view, Vector3(2, 0.05, 2), surface(0.01), Vector3(0, -1.025, 0))
+	var ball := SphereMesh.new()
+	ball.radius = 0.1
+	ball.height = 0.2
+	var moving := mesh(view, ball, surface(0.8))
+	moving.gi_mode = GeometryInstance3D.GI_MODE_DYNAMIC
+	node(view, {"probe_count": 1000})
+	view.get_camera_3d().fov = 5
+	var part := 1.0 / sqrt(2.0)
+	near(await shown(view), 0.8 * 4.0 / TAU * 2.0 * part * atan(part), 0.1, "a ball from above")
+	view.get_camera_3d().look_at_from_position(Vector3(0, -0.7, 0), Vector3.ZERO, Vector3.BACK)
+	expect(await shown(view) < 0.03, "no light comes from below")
+	view.get_camera_3d().look_at_from_position(Vector3(0.7, 0, 0), Vector3.ZERO, Vector3.UP)
+	var beside := await shown(view)
+	expect(beside > 0.05 and beside < 0.25, "some comes from the side: %f" % beside)
 	await end(view)
 
 # The wall gets ρ F of the sun on the floor; F between a place of the wall, 0.5 m above its foot, and a floor of 6 by 4 m.
