@@ -63,6 +63,7 @@ func _ready() -> void:
 	environment.background_energy_multiplier = 0.7
 	environment.ambient_light_source = Environment.AMBIENT_SOURCE_DISABLED
 	environment.tonemap_mode = Environment.TONE_MAPPER_AGX
+	environment.tonemap_exposure = 1.8
 	var world := WorldEnvironment.new()
 	world.environment = environment
 	add_child(world)

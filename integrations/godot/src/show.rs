@@ -23,9 +23,11 @@ pub struct Show {
     /// Meshes of the scene, and the one that takes the place of each.
     meshes: Vec<(Gd<MeshInstance3D>, Gd<ArrayMesh>)>,
     size: (u32, u32),
+    scenario: Rid,
     texture: Option<Rid>,
     lightmap: Rid,
-    instance: Rid,
+    /// Made when there is light: Godot does not hear of bounds that it gets later.
+    instance: Option<Rid>,
     probes: Option<Tetrahedra>,
 }
 
@@ -65,10 +67,16 @@ impl Show {
             (instance.clone(), mesh)
         });
         let meshes = meshes.collect();
-        let mut server = RenderingServer::singleton();
-        let own = server.lightmap_create();
-        let instance = server.instance_create2(own, scenario);
-        Self { meshes, size: (width, height + DARK_ROWS), texture: None, lightmap: own, instance, probes: None }
+        let own = RenderingServer::singleton().lightmap_create();
+        Self {
+            meshes,
+            size: (width, height + DARK_ROWS),
+            texture: None,
+            scenario,
+            lightmap: own,
+            instance: None,
+            probes: None,
+        }
     }
 
     /// Shows a light.
@@ -88,11 +96,13 @@ impl Show {
                 let texture = server.texture_2d_layered_create(&layers, TextureLayeredType::LAYERED_2D_ARRAY);
                 server.lightmap_set_textures(self.lightmap, texture, false);
                 self.texture = Some(texture);
-                self.attach();
             }
         }
         if let Some(probes) = &light.probes {
             self.show_probes(probes, root);
+        }
+        if self.instance.is_none() {
+            self.attach();
         }
     }
 
@@ -107,6 +117,9 @@ impl Show {
             let mut server = RenderingServer::singleton();
             server.lightmap_set_probe_bounds(self.lightmap, bounds);
             server.lightmap_set_probe_interior(self.lightmap, false);
+            if let Some(instance) = self.instance.take() {
+                server.free_rid(instance);
+            }
         }
         if let Some(own) = &self.probes {
             RenderingServer::singleton().lightmap_set_probe_capture_data(
@@ -127,8 +140,10 @@ impl Show {
     }
 
     /// Puts the meshes with their lightmap into the place of those of the scene, whose nodes know nothing of it.
-    fn attach(&self) {
+    fn attach(&mut self) {
         let mut server = RenderingServer::singleton();
+        let lightmap = server.instance_create2(self.lightmap, self.scenario);
+        self.instance = Some(lightmap);
         let whole = Rect2::new(Vector2::ZERO, Vector2::ONE);
         for (instance, mesh) in &self.meshes {
             if !instance.is_instance_valid() {
@@ -136,7 +151,7 @@ impl Show {
             }
             let own = instance.get_instance();
             server.instance_set_base(own, mesh.get_rid());
-            server.instance_geometry_set_lightmap(own, self.instance, whole, 0);
+            server.instance_geometry_set_lightmap(own, lightmap, whole, 0);
         }
     }
 }
@@ -159,7 +174,9 @@ impl Drop for Show {
                 }
             }
         }
-        server.free_rid(self.instance);
+        if let Some(instance) = self.instance {
+            server.free_rid(instance);
+        }
         server.free_rid(self.lightmap);
         if let Some(texture) = self.texture {
             server.free_rid(texture);
