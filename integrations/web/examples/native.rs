@@ -39,7 +39,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     field.update()?;
     write(folder, "lamp.f32", &mut field)?;
     field.make_lightmap(0.025, &[])?;
-    field.lightmap(true)?;
+    field.lightmap("full")?;
     save(folder, "lightmap.f32", &field)?;
     write_picture(folder, &path)?;
     let start = Instant::now();
@@ -63,7 +63,8 @@ fn write_picture(folder: &Path, bake: &Path) -> Result<(), Box<dyn Error>> {
     let mut renderer = PictureRenderer::of_bake(bake, Box::new(Cpu::new()), &light, &settings, &Silent)?;
     let [x, y, z] = [4, 5, 6].map(|k| LAMP[k]);
     let lamp = Light::point(Vec3::new(x, y, z), Intensity(Vec3::new(LAMP[1], LAMP[2], LAMP[3])));
-    let lighting = Lighting { lights: vec![lamp], ..loaded.scene.lighting.clone() };
+    let emission = vec![Vec3::ZERO; loaded.scene.materials.len()];
+    let lighting = Lighting { lights: vec![lamp], emission, ..Lighting::default() };
     let pictures = renderer.picture(&lighting, &loaded.view.camera(width, height), 0)?.pictures;
     let bytes: Vec<u8> =
         pictures.indirect.pixels.iter().flat_map(|p| p.to_array()).flat_map(|x| x.to_le_bytes()).collect();
@@ -78,7 +79,8 @@ fn write_picture(folder: &Path, bake: &Path) -> Result<(), Box<dyn Error>> {
     let [eye, target, up] = [view.eye, view.target, view.up].map(|v| v.to_array());
     let fov = view.vertical_fov_degrees;
     let text = format!(
-        "{{\"width\": {width}, \"height\": {height}, \"eye\": {eye:?}, \"target\": {target:?}, \"up\": {up:?}, \"fov\": {fov},\n\"triangles\": [\n{}\n]}}\n",
+        "{{\"materials\": {}, \"width\": {width}, \"height\": {height}, \"eye\": {eye:?}, \"target\": {target:?}, \"up\": {up:?}, \"fov\": {fov},\n\"triangles\": [\n{}\n]}}\n",
+        loaded.scene.materials.len(),
         triangles.join(",\n")
     );
     Ok(fs::write(folder.join("cornell.json"), text)?)

@@ -24,4 +24,4 @@ const lamp = (k) => ({ kind: "point", position: [0.25 + k / 1000, 0.4, 0.3], int
 console.log(`module: an update ${ms((k) => light.update({ lights: [lamp(k)] }))} ms`);
 console.log(`module: the surface ${ms(() => light.surface())} ms`);
 const { width, height } = light.makeLightmap(0.01);
-console.log(`module: a lightmap of ${width} x ${height} with direct light ${ms(() => light.lightmap({ direct: true }))} ms`);
+console.log(`module: a lightmap of ${width} x ${height} with direct light ${ms(() => light.lightmap({ part: "full" }))} ms`);

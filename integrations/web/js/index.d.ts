@@ -14,6 +14,9 @@ export type Light =
   | { kind: "rectangle"; corner: Vector; edgeA: Vector; edgeB: Vector; radiance: Rgb };
 
 /** How light goes between patches. */
+/** What was reflected; that and all direct light; or all but the direct light of lights, for programs that light by lights only. */
+export type LightPart = "indirect" | "full" | "without_lights";
+
 export type Method = "classic" | "low_rank" | "multibounce" | "feedback" | "temporal";
 
 export interface LoadOptions {
@@ -39,8 +42,8 @@ export class Patchlight {
   triangles(): Float32Array;
   /** Makes a lightmap with texels of this size, m, on triangles of nine numbers each; on the bake's own for none. */
   makeLightmap(texel: number, triangles?: ArrayLike<number>): { width: number; height: number };
-  /** Irradiance in its texels, W/m², row by row: RGB. Valid until the next table is asked for. */
-  lightmap(options?: { direct?: boolean }): Float32Array;
+  /** Irradiance in its texels, W/m², row by row: RGB of a part. Valid until the next table is asked for. */
+  lightmap(options?: { part?: LightPart }): Float32Array;
   /** Coordinates of its triangles' corners in it, six numbers each; NaN for triangles without light. */
   lightmapUvs(): Float32Array;
   /** Adds points whose indirect light every update finds; their number. */

@@ -147,9 +147,9 @@ export class Patchlight {
     return { width, height };
   }
 
-  /** Irradiance in its texels, W/m², row by row: RGB. Valid until the next table is asked for. */
-  lightmap({ direct = false } = {}) {
-    return this.#table(() => this.#field.lightmap(direct));
+  /** Irradiance in its texels, W/m², row by row: RGB of a part. Valid until the next table is asked for. */
+  lightmap({ part = "indirect" } = {}) {
+    return this.#table(() => this.#field.lightmap(part));
   }
 
   /** Coordinates of its triangles' corners in it, six numbers each; NaN for triangles without light. */

@@ -28,7 +28,7 @@ test("light has the bits of the native program", async () => {
   assert.notDeepEqual(bits(light.surface()), await native("own.f32"));
   const { width, height } = light.makeLightmap(0.025);
   assert.equal(light.lightmap().length, 3 * width * height);
-  assert.deepEqual(bits(light.lightmap({ direct: true })), await native("lightmap.f32"));
+  assert.deepEqual(bits(light.lightmap({ part: "full" })), await native("lightmap.f32"));
   assert.equal(light.lightmapUvs().length, 6 * light.counts.triangles);
   light.free();
 });
@@ -66,6 +66,8 @@ test("what is wrong is said, and nothing is lost by it", async () => {
   assert.throws(() => light.update({ lights: [{ ...lamp, intensity: [-1, 0, 0] }] }), /not negative/);
   assert.throws(() => light.update({ sky: [NaN, 0, 0] }), /radiance/);
   assert.throws(() => light.lightmap(), /no lightmap/);
+  assert.throws(() => light.lightmap({ part: "half" }), /it is indirect/);
+  assert.throws(() => light.makeLightmap(0.1, [0, 0, 0]), /no triangles/);
   assert.equal(light.update(), 0);
   light.free();
 });

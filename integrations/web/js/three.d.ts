@@ -9,7 +9,7 @@ export function lightsOf(scene: Scene): Light[];
 export interface LightmapOptions {
   /** Edge of a texel, m [0.1]. */
   texel?: number;
-  /** With direct light in the texels, for scenes whose own lights cast no shadows [false]. */
+  /** With the direct light of lights in the texels, for scenes whose own lights cast no shadows [false]. */
   direct?: boolean;
   /** Gives meshes copies of their materials [true]. */
   clone?: boolean;
@@ -36,7 +36,7 @@ export function sceneOf(scene: Scene, options?: { sky?: Rgb }): SceneArrays & { 
 
 /** Lightmaps of a three scene that nobody has baked: workers do, coarse at once and then finer. */
 export class LiveLightmaps {
-  constructor(scene: Scene, options?: WorkerOptions & { clone?: boolean; sky?: Rgb });
+  constructor(scene: Scene, options?: Omit<WorkerOptions, "part"> & Omit<LightmapOptions, "texel"> & { sky?: Rgb });
   /** None before the first light; another one for each level. */
   readonly texture: DataTexture | undefined;
   readonly found: number;

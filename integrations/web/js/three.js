@@ -3,10 +3,12 @@
 import {
   BufferAttribute,
   ClampToEdgeWrapping,
+  Color,
   DataTexture,
   DataUtils,
   HalfFloatType,
   LinearFilter,
+  LinearSRGBColorSpace,
   Matrix4,
   RGBAFormat,
   SphericalHarmonics3,
@@ -18,10 +20,13 @@ import { PatchlightWorkers } from "./workers.js";
 
 /** Rows below the atlas that stay dark, for triangles without light. */
 const DARK_ROWS = 2;
+/** Texels of the canvas on which textures are averaged, each way. */
+const MEAN_TEXELS = 16;
 /** The channel of texture coordinates that lightmaps have in three. */
 const CHANNEL = 1;
 
 const rgb = (color, factor) => [color.r * factor, color.g * factor, color.b * factor];
+const times = (a, b) => a.map((x, channel) => x * b[channel]);
 const place = (object) => new Vector3().setFromMatrixPosition(object.matrixWorld);
 
 /** Lights of a three scene as the module takes them: lux are W/m², candela W/sr, nits W/m²/sr, and the other way round. */
@@ -53,6 +58,43 @@ export function lightsOf(scene) {
     }
   });
   return lights;
+}
+
+/** Mean colors of textures by their pictures. */
+const means = new WeakMap();
+
+/** Mean of a texture, linear RGB: a page has its picture on a canvas; without one it counts as white. */
+function meanOf(texture) {
+  const image = texture?.image;
+  if (!image || typeof document === "undefined") {
+    return [1, 1, 1];
+  }
+  if (!means.has(image)) {
+    const canvas = Object.assign(document.createElement("canvas"), { width: MEAN_TEXELS, height: MEAN_TEXELS });
+    const context = canvas.getContext("2d", { willReadFrequently: true });
+    let mean = [1, 1, 1];
+    try {
+      context.drawImage(image, 0, 0, MEAN_TEXELS, MEAN_TEXELS);
+      const { data } = context.getImageData(0, 0, MEAN_TEXELS, MEAN_TEXELS);
+      const color = new Color();
+      const sum = [0, 0, 0];
+      for (let k = 0; k < data.length; k += 4) {
+        color.setRGB(data[k] / 255, data[k + 1] / 255, data[k + 2] / 255, texture.colorSpace || LinearSRGBColorSpace);
+        color.toArray().forEach((x, channel) => (sum[channel] += x));
+      }
+      mean = sum.map((x) => (4 * x) / data.length);
+    } catch {
+      // Compressed textures, and pictures of other servers, cannot be read.
+    }
+    means.set(image, mean);
+  }
+  return means.get(image);
+}
+
+/** What a material shines with, W/m²/sr. */
+function radianceOf(material) {
+  const color = material.emissive ? rgb(material.emissive, material.emissiveIntensity ?? 1) : [0, 0, 0];
+  return color.some((x) => x > 0) ? times(color, meanOf(material.emissiveMap)) : color;
 }
 
 /** What meshes were before they had a lightmap. */
@@ -93,9 +135,8 @@ function arraysOf(scene, parts, sky) {
   const numberOf = (material) => {
     if (!numbers.has(material)) {
       numbers.set(material, materials.length);
-      const reflectance = rgb(material.color ?? { r: 0.5, g: 0.5, b: 0.5 }, 1).map((x) => Math.min(x, 0.95));
-      const radiance = material.emissive ? rgb(material.emissive, material.emissiveIntensity ?? 1) : [0, 0, 0];
-      materials.push({ reflectance, radiance });
+      const color = times(rgb(material.color ?? { r: 0.5, g: 0.5, b: 0.5 }, 1), meanOf(material.map));
+      materials.push({ reflectance: color.map((x) => Math.min(x, 0.95)), radiance: radianceOf(material) });
     }
     return numbers.get(material);
   };
@@ -109,6 +150,9 @@ function arraysOf(scene, parts, sky) {
 export function sceneOf(scene, { sky } = {}) {
   return arraysOf(scene, partsOf(scene, false), sky);
 }
+
+/** Light of the texels: three lights by its lights, and knows nothing of surfaces that shine and of skies. */
+const partOf = (direct) => (direct ? "full" : "without_lights");
 
 /** A picture of half floats, with the dark rows. */
 function lightmapTexture(width, rows) {
@@ -194,7 +238,7 @@ export class LiveLightmaps {
   #clone;
   #next;
 
-  constructor(scene, { clone = true, sky, onLevel, onLight, ...options } = {}) {
+  constructor(scene, { clone = true, direct = false, sky, onLevel, onLight, ...options } = {}) {
     this.#scene = scene;
     this.#clone = clone;
     this.#parts = partsOf(scene, false);
@@ -214,7 +258,7 @@ export class LiveLightmaps {
       write(this.texture, light.texels);
       onLight?.(light);
     };
-    this.#workers = new PatchlightWorkers(own, { ...options, onLevel: hearLevel, onLight: hearLight });
+    this.#workers = new PatchlightWorkers(own, { ...options, part: partOf(direct), onLevel: hearLevel, onLight: hearLight });
   }
 
   #show({ width, height, uvs }) {
@@ -228,7 +272,7 @@ export class LiveLightmaps {
     // The library's material 0 is grey.
     const emission = {};
     this.#materials.forEach((material, number) => {
-      emission[number + 1] = material.emissive ? rgb(material.emissive, material.emissiveIntensity ?? 1) : [0, 0, 0];
+      emission[number + 1] = radianceOf(material);
     });
     this.#workers.update({ lights: lightsOf(this.#scene), sky, emission });
   }
@@ -242,7 +286,7 @@ export class LiveLightmaps {
 
 /**
  * Lightmaps of a three scene that was baked: its meshes get `lightMap`s with the irradiance of all bounces, found anew by
- * `update` under the lights that the scene has then. Direct light is three's own, unless `direct` is true.
+ * `update` under the lights that the scene has then. Direct light of lights is three's own, unless `direct` is true.
  */
 export class PatchlightLightmaps {
   #scene;
@@ -267,7 +311,7 @@ export class PatchlightLightmaps {
   /** Finds the light of the scene's lights; `sky` W/m²/sr, `emission` by the material's number in the bake. */
   update({ sky, emission } = {}) {
     this.#light.update({ lights: lightsOf(this.#scene), sky, emission });
-    const irradiance = this.#light.lightmap({ direct: this.#direct });
+    const irradiance = this.#light.lightmap({ part: partOf(this.#direct) });
     write(this.texture, irradiance);
     this.#probes?.read(this.#light);
   }

@@ -4,20 +4,20 @@ import { Baker } from "./baker.js";
 import { cornersOf } from "./index.js";
 
 let light;
-let direct = false;
+let part;
 
 /** The light of now, as texels that the page takes over. */
 function find(change) {
   const start = performance.now();
   light.update(change);
-  const texels = light.lightmap({ direct }).slice();
+  const texels = light.lightmap({ part }).slice();
   postMessage({ light: { texels, milliseconds: performance.now() - start } }, [texels.buffer]);
 }
 
 /** Bakes a level and lays out its lightmap. */
 async function bake({ scene, level, options }) {
   const { module, patches, method, texel } = options;
-  direct = options.direct ?? false;
+  part = options.part;
   const baker = await Baker.of(scene, { module, patches });
   const { levels } = baker;
   const onProgress = (phase, share) => postMessage({ progress: { level, levels, phase, share } });

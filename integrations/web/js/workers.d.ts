@@ -1,5 +1,5 @@
 import type { SceneArrays } from "./baker.js";
-import type { Light, LoadOptions, Method, Rgb } from "./index.js";
+import type { Light, LightPart, LoadOptions, Method, Rgb } from "./index.js";
 
 /** Layout of the lightmap of a level. */
 export interface Level {
@@ -24,8 +24,8 @@ export interface WorkerOptions {
   method?: Method;
   /** Edge of a texel, m [0.1]. */
   texel?: number;
-  /** With direct light in the texels [false]. */
-  direct?: boolean;
+  /** Light in the texels [indirect]. */
+  part?: LightPart;
   module?: LoadOptions["module"];
   onLevel?: (level: Level) => void;
   onLight?: (light: LightOfWorker) => void;

@@ -24,7 +24,7 @@ export class PatchlightWorkers {
    */
   constructor(scene, { onLevel, onLight, onProgress, onError, makeWorker = start, ...options } = {}) {
     this.#scene = scene;
-    this.#options = { patches: 1000, method: "classic", texel: 0.1, direct: false, ...options };
+    this.#options = { patches: 1000, method: "classic", texel: 0.1, part: "indirect", ...options };
     this.#handlers = { onLevel, onLight, onProgress, onError };
     this.#make = makeWorker;
     this.#bake(0);

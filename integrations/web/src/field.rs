@@ -134,13 +134,19 @@ impl LightField {
         Ok(vec![width, height])
     }
 
-    /// Irradiance in the texels of the lightmap, W/m², row by row: RGB. With direct light, or without.
+    /// Irradiance in the texels of the lightmap, W/m², row by row: RGB. "indirect", "full", or "without_lights": all but the
+    /// direct light of lights.
     ///
     /// # Errors
-    /// No lightmap was made.
-    pub fn lightmap(&mut self, is_direct: bool) -> Result<Table, String> {
+    /// No lightmap was made; another part.
+    pub fn lightmap(&mut self, part: &str) -> Result<Table, String> {
+        let part = match part {
+            "indirect" => LightPart::Indirect,
+            "full" => LightPart::Full,
+            "without_lights" => LightPart::WithoutLights,
+            _ => return Err(format!("part is {part:?}; it is indirect, full or without_lights")),
+        };
         let lightmap = self.lightmap.as_mut().ok_or("no lightmap was made")?;
-        let part = if is_direct { LightPart::Full } else { LightPart::Indirect };
         let values = lightmap.irradiance(&mut self.field, part).map_err(text)?;
         let picture = lightmap.picture(&values);
         Ok(self.keep(picture.into_iter()))
