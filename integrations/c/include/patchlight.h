@@ -463,22 +463,24 @@ enum PlStatus pl_field_try_points(struct PlField *field,
                                   size_t count,
                                   int *out_is_new);
 
-// Lays out a lightmap with texels of this size, m, and gives its size in texels.
+// Lays out a lightmap with texels of this size, m, and gives its size in texels. It lies on the caller's triangles: nine
+// numbers each, its corners, m, counter-clockwise from the front; NULL for those of the bake, which are cut where something
+// stands on them. A triangle has its front's light, or its back's where only that has any.
 //
 // # Safety
-// Pointers are what they say.
+// `corners` is NULL or begins nine numbers for each of `triangle_count` triangles.
 enum PlStatus pl_field_make_lightmap(struct PlField *field,
+                                     const float *corners,
+                                     size_t triangle_count,
                                      float texel,
                                      uint32_t *out_width,
                                      uint32_t *out_height);
 
-// Texture coordinates in the lightmap of the corners of each triangle of the bake: six numbers each, NaN without a chart;
-// of fronts, or of backs where `of_backs` is not 0.
+// Texture coordinates in the lightmap of the corners of its triangles: six numbers each, NaN for those without light.
 //
 // # Safety
 // `uvs` has room for `count` numbers.
 enum PlStatus pl_field_lightmap_uvs(struct PlField *field,
-                                    int of_backs,
                                     float *uvs,
                                     size_t count);
 
@@ -488,13 +490,12 @@ enum PlStatus pl_field_lightmap_uvs(struct PlField *field,
 // The handle is live or NULL.
 size_t pl_field_triangle_count(const struct PlField *field);
 
-// Irradiance in the lightmap after the last update, W/m²: RGB of each texel, row by row; with direct light where `is_full`
-// is not 0. Waits.
+// Irradiance in the lightmap after the last update, W/m²: RGB of each texel, row by row, of a PlLightPart. Waits.
 //
 // # Safety
 // `rgb` has room for `count` numbers.
 enum PlStatus pl_field_lightmap(struct PlField *field,
-                                int is_full,
+                                uint32_t part,
                                 float *rgb,
                                 size_t count);
 
