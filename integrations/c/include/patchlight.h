@@ -54,6 +54,16 @@ typedef enum PlLightKind {
   PL_RECTANGLE = 3,
 } PlLightKind;
 
+// Light in a lightmap.
+typedef enum PlLightPart {
+  // Reflected at least once: for engines that light directly themselves.
+  PL_INDIRECT = 0,
+  // Direct and indirect.
+  PL_FULL = 1,
+  // All but the direct light of lights: for engines that know nothing of surfaces that shine and of skies.
+  PL_WITHOUT_LIGHTS = 2,
+} PlLightPart;
+
 // How light goes between patches.
 typedef enum PlMethod {
   // A product with the form factors for each bounce.
