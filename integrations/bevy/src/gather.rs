@@ -196,9 +196,8 @@ impl Snapshot {
     /// A mesh or a light that makes no sense, by its name; no triangles.
     pub fn scene(&self, lighting: Lighting) -> Result<Scene, BuildError> {
         let mut builder = Scene::builder();
-        let textures: Vec<_> = (self.textures.iter())
-            .map(|(size, rgba, color)| builder.add_tinted_texture(*size, rgba, *color))
-            .collect();
+        let textures: Vec<_> =
+            (self.textures.iter()).map(|(size, rgba, color)| builder.add_tinted_texture(*size, rgba, *color)).collect();
         for material in &self.materials {
             match material.texture {
                 Some(texture) => builder.add_textured(textures[texture], material.cutoff),
