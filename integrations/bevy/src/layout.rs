@@ -5,11 +5,12 @@ use half::f16;
 use patchlight::glam::{Vec2, Vec3};
 use patchlight::outputs::LiveLightmap;
 use patchlight::scene::gpu::Triangle;
-use patchlight::scene::{SidePolicy, Sides, find_sides};
+use patchlight::scene::{NONE, SidePolicy, Sides, find_sides};
 use patchlight::{Error, Scene};
 use rayon::prelude::*;
 
 use crate::gather::{MeshParts, Snapshot};
+use crate::shared::Layout;
 
 /// Rows below the atlas that stay dark, for triangles to which no light comes.
 const DARK_ROWS: u32 = 2;
@@ -58,6 +59,14 @@ pub(crate) fn lit_mesh(mesh: &BevyMesh, uvs: &[[f32; 2]]) -> BevyMesh {
     }
     own.insert_attribute(BevyMesh::ATTRIBUTE_UV_1, uvs.to_vec());
     own
+}
+
+/// The receivers of the texels of a lightmap's picture.
+pub(crate) fn shown(lightmap: &LiveLightmap) -> Layout {
+    let (width, height) = size(lightmap);
+    let mut shown = lightmap.shown().to_vec();
+    shown.resize(width as usize * height as usize, NONE);
+    Layout { size: [width, height, 1], shown }
 }
 
 /// Irradiance at the receivers of a lightmap as texels of its picture: radiance of a white surface, `E / π`.

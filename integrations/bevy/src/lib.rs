@@ -4,6 +4,11 @@ mod baked;
 mod gather;
 mod layout;
 mod lights;
+#[cfg(feature = "vulkan")]
+mod on_device;
+#[cfg(feature = "vulkan")]
+mod renderer;
+mod shared;
 mod sky;
 mod systems;
 mod upload;
@@ -25,6 +30,8 @@ pub use patchlight::method::MethodSettings;
 
 pub use baked::{PatchlightBake, PatchlightBakeError};
 pub use lights::lights_of;
+#[cfg(feature = "vulkan")]
+pub use renderer::{PatchlightRendererError, vulkan_renderer};
 
 /// Lights what is marked with [`PatchlightStatic`], and what moves among it.
 #[derive(Clone, Copy, Debug, Default)]
@@ -45,6 +52,9 @@ pub struct PatchlightSettings {
     pub method: MethodSettings,
     /// Where light is found: on the processor, or with the feature `vulkan` on a Vulkan device that is opened beside Bevy's.
     pub device: DeviceChoice,
+    /// Finds light on the device that Bevy draws with, and writes it to textures there, with no copy to the processor; then
+    /// `device` is not asked. Needs the feature `vulkan` and a renderer of [`vulkan_renderer`].
+    pub shares_device: bool,
     /// A bake of this scene, which takes the place of a bake at start. One of another scene is left, with a warning.
     pub bake: Option<Handle<PatchlightBake>>,
     /// Waits for the finished bake, and in each frame for its light, instead of working beside the frames: for pictures
@@ -64,6 +74,7 @@ impl Default for PatchlightSettings {
             probe_count: 1024,
             method: MethodSettings::default(),
             device: DeviceChoice::Cpu,
+            shares_device: false,
             bake: None,
             wait: false,
             revision: 0,
@@ -113,17 +124,19 @@ pub struct PatchlightStatus {
     pub stage: PatchlightStage,
     /// Light updates so far.
     pub updates: u64,
-    /// Time of the last light update.
+    /// Time of the last light update; on Bevy's device that of its frame, without what the device does afterwards.
     pub update_time: Duration,
     /// Time of all work for it: the update, texels, probes.
     pub work_time: Duration,
-    /// Texels that the last update sent to the graphics card.
+    /// Texels that the last update sent to the graphics card; none where light is found there.
     pub texels_sent: u64,
     /// Texels of the lightmap: a row, and rows.
     pub lightmap_size: (u32, u32),
     /// Patches of the bake.
     pub patches: usize,
     bake: Option<(Arc<Bake>, [u8; 32])>,
+    /// Scenes that Bevy's device was told of.
+    scenes: u64,
 }
 
 impl std::fmt::Debug for PatchlightStatus {
@@ -159,6 +172,8 @@ impl Plugin for PatchlightPlugin {
             .init_resource::<PatchlightSettings>()
             .init_resource::<PatchlightStatus>()
             .init_resource::<systems::State>()
+            .init_resource::<shared::ToDevice>()
+            .init_resource::<shared::Report>()
             .add_systems(
                 PostUpdate,
                 (systems::watch, systems::follow, systems::light)
@@ -168,5 +183,7 @@ impl Plugin for PatchlightPlugin {
                     .after(VisibilitySystems::VisibilityPropagate)
                     .before(SimulationLightSystems::UpdateDirectionalLightCascades),
             );
+        #[cfg(feature = "vulkan")]
+        app.add_plugins(on_device::OnDevicePlugin);
     }
 }

@@ -53,6 +53,16 @@ pub(crate) struct LampsNow {
     pub has_ambient: bool,
 }
 
+impl LampsNow {
+    /// True if surfaces that shine and the sky send what others do.
+    pub fn has_same_surroundings(&self, other: &Self) -> bool {
+        let of = |own: &Self| (own.has_ambient, own.lighting.sky);
+        of(self) == of(other)
+            && self.lighting.emission == other.lighting.emission
+            && self.lighting.sky_map == other.lighting.sky_map
+    }
+}
+
 /// Which lights are asked for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Which {

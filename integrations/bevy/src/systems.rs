@@ -28,11 +28,12 @@ use crate::gather::{MeshParts, Snapshot, affine, parts};
 use crate::layout::{self, lit_mesh};
 use crate::lights::{Lamps, LampsNow, Which};
 use crate::sky::SkyMap;
+use crate::shared::{Message, Report, Targets, ToDevice};
 use crate::upload::Tiles;
-use crate::work::{Move, Order, Prepared, ProbeTexels, Texels, Work};
-use crate::{PatchlightMoving, PatchlightSettings, PatchlightStage, PatchlightStatic, PatchlightStatus};
+use crate::work::{Found, Move, Order, Place, Prepared, ProbeTexels, Texels, Work};
+use crate::{DeviceChoice, PatchlightMoving, PatchlightSettings, PatchlightStage, PatchlightStatic, PatchlightStatus};
 
-type Outcome = (Box<Work>, Result<Option<Texels>, patchlight::Error>);
+type Outcome = (Box<Work>, Result<Found, patchlight::Error>);
 
 /// The work under way.
 #[derive(Resource, Default)]
@@ -58,13 +59,15 @@ struct Lit {
     /// Bake that the work does not have yet.
     new_bake: Option<(Arc<Bake>, bool)>,
     last: Option<LampsNow>,
+    /// On Bevy's device: the number of the scene, and the light that was asked for there.
+    device: Option<(u64, Option<LampsNow>)>,
     lightmap: Handle<Image>,
     /// Its texels.
     texels: Vec<u8>,
     /// The lightmap has light, and the meshes have the lightmap.
     has_light: bool,
     is_shown: bool,
-    volume: Option<(Entity, Handle<Image>, [u32; 3])>,
+    volume: Option<(Entity, Handle<Image>, Place)>,
     moving: HashMap<Entity, Affine3A>,
     moves: Vec<Move>,
 }
@@ -302,6 +305,7 @@ impl Lit {
         (lightmap, image): (LiveLightmap, Handle<Image>),
         settings: &PatchlightSettings,
     ) -> Result<Self, patchlight::Error> {
+        check(settings)?;
         let prepared = Arc::new(prepared);
         let source = match &settings.bake {
             Some(handle) => Source::Asset(handle.clone()),
@@ -317,6 +321,7 @@ impl Lit {
             task: None,
             new_bake: None,
             last: None,
+            device: None,
             lightmap: image,
             texels: Vec::new(),
             has_light: false,
@@ -366,6 +371,20 @@ impl Lit {
             _ => PatchlightStage::Finished,
         }
     }
+}
+
+/// Refuses settings that cannot apply.
+fn check(settings: &PatchlightSettings) -> Result<(), patchlight::Error> {
+    let reason = if !settings.shares_device {
+        return Ok(());
+    } else if cfg!(not(feature = "vulkan")) {
+        "PatchlightSettings::shares_device needs the feature `vulkan` of bevy_patchlight"
+    } else if settings.device != DeviceChoice::Cpu {
+        "PatchlightSettings::device names another device than Bevy's, which shares_device asks for"
+    } else {
+        return Ok(());
+    };
+    Err(patchlight::Error::new(patchlight::ErrorKind::Unsupported, reason))
 }
 
 /// Begins the bake of a scene.
@@ -426,6 +445,7 @@ impl Moving<'_, '_> {
 }
 
 /// Finds the light of the lights as they are, beside the frames, and writes it to the textures.
+#[expect(clippy::too_many_arguments, reason = "each is a part of the world")]
 pub(crate) fn light(
     mut commands: Commands,
     mut state: ResMut<State>,
@@ -433,31 +453,33 @@ pub(crate) fn light(
     settings: Res<PatchlightSettings>,
     moving: Moving,
     mut tiles: ResMut<Tiles>,
+    mut shared: (ResMut<ToDevice>, Res<Report>),
     mut lamps: ParamSet<(Lamps, ResMut<Assets<Image>>, Skies)>,
 ) {
     let State { lit, sky, .. } = &mut *state;
-    let Some(lit) = lit else { return };
+    let Some(lit) = lit else {
+        shared.0.end();
+        return;
+    };
     let now = lamps.p0().now(&lit.snapshot.ids, sky, Which::Shining);
     moving.changes(lit);
+    let mut shown = Shown { tiles: &mut tiles, to_device: &mut shared.0, status: &mut status };
     if let Some(mut task) = lit.task.take() {
         match check_ready(&mut task) {
             None => lit.task = Some(task),
-            Some(outcome) => finish(lit, outcome, &mut commands, (&mut lamps.p1(), &mut tiles), &mut status),
+            Some(outcome) => shown.finish(lit, outcome, &mut commands, &mut lamps.p1()),
         }
     }
-    let is_new = lit.new_bake.is_some() || !lit.moves.is_empty() || lit.last.as_ref() != Some(&now);
-    let has_bake = lit.new_bake.is_some() || lit.last.is_some();
-    if is_new
-        && has_bake
+    if lit.is_due(&now, settings.shares_device)
         && let Some(work) = lit.work.take()
     {
         let mut work = SyncCell::to_inner(work);
-        let moves = std::mem::take(&mut lit.moves);
+        let moves = if settings.shares_device { Vec::new() } else { std::mem::take(&mut lit.moves) };
         let order = Order { bake: lit.new_bake.take(), lamps: now.clone(), moves };
-        lit.last = Some(now);
+        lit.last = Some(now.clone());
         if settings.wait {
             let outcome = work.run(&order);
-            finish(lit, (work, outcome), &mut commands, (&mut lamps.p1(), &mut tiles), &mut status);
+            shown.finish(lit, (work, outcome), &mut commands, &mut lamps.p1());
         } else {
             lit.task = Some(AsyncComputeTaskPool::get().spawn(async move {
                 let outcome = work.run(&order);
@@ -465,6 +487,8 @@ pub(crate) fn light(
             }));
         }
     }
+    lit.ask_device(now, &mut shared.0);
+    lit.hear_device(&shared.1, &mut status);
     if status.updates > 0 {
         lamps.p2().leave_to_lightmaps();
     }
@@ -475,6 +499,52 @@ pub(crate) fn light(
                 info!("Patchlight has baked {} patches", status.patches);
             }
             status.stage = stage;
+        }
+    }
+}
+
+impl Lit {
+    /// True if the work has something to do: on Bevy's device that is what surfaces that shine and the sky send.
+    fn is_due(&self, now: &LampsNow, is_shared: bool) -> bool {
+        if self.new_bake.is_some() {
+            return true;
+        }
+        let Some(last) = &self.last else { return false };
+        if is_shared { !last.has_same_surroundings(now) } else { !self.moves.is_empty() || last != now }
+    }
+
+    /// Asks for the light of lamps on Bevy's device, once it has a bake.
+    fn ask_device(&mut self, now: LampsNow, to_device: &mut ToDevice) {
+        let Some((_, last)) = &mut self.device else { return };
+        if last.as_ref() == Some(&now) && self.moves.is_empty() {
+            return;
+        }
+        let moves = std::mem::take(&mut self.moves);
+        to_device.messages.push(Message::Light(Box::new(now.lighting.clone()), moves));
+        *last = Some(now);
+    }
+
+    /// Takes what Bevy's device has done for this scene.
+    fn hear_device(&mut self, report: &Report, status: &mut PatchlightStatus) {
+        let Some((number, _)) = self.device else { return };
+        let mut done = report.lock();
+        if done.scene != number {
+            return;
+        }
+        done.warnings.drain(..).for_each(|warning| warn!("Patchlight: {warning}"));
+        if let Some(error) = done.error.take() {
+            fail(status, &error);
+            self.device = None;
+            self.work = None;
+            return;
+        }
+        if done.updates > 0 {
+            self.has_light = true;
+            status.updates += done.updates;
+            status.update_time = Duration::from_secs_f32(done.seconds);
+            status.work_time = status.update_time;
+            status.texels_sent = 0;
+            done.updates = 0;
         }
     }
 }
@@ -503,76 +573,90 @@ impl Skies<'_, '_> {
     }
 }
 
-/// Takes the outcome of an update.
-fn finish(
-    lit: &mut Lit,
-    (work, outcome): Outcome,
-    commands: &mut Commands,
-    (images, tiles): (&mut Assets<Image>, &mut Tiles),
-    status: &mut PatchlightStatus,
-) {
-    lit.work = Some(SyncCell::new(work));
-    let texels = match outcome {
-        Ok(Some(texels)) => texels,
-        Ok(None) => return,
-        Err(error) => {
-            fail(status, &error.to_string());
-            lit.work = None;
-            return;
-        }
-    };
-    texels.warnings.iter().for_each(|warning| warn!("Patchlight: {warning}"));
-    lit.has_light = true;
-    let id = lit.lightmap.id();
-    let (width, height) = status.lightmap_size;
-    let of_tiles = tiles.add(id, width, &lit.texels, &texels.lightmap);
-    if of_tiles.is_none()
-        && let Some(mut image) = images.get_mut(&lit.lightmap)
-    {
-        tiles.forget(id);
-        image.data = Some(texels.lightmap.clone());
-    }
-    status.texels_sent = of_tiles.unwrap_or(u64::from(width) * u64::from(height));
-    lit.texels = texels.lightmap;
-    match texels.probes {
-        Some(probes) => show_probes(lit, probes, commands, images),
-        None => {
-            if let Some((entity, ..)) = lit.volume.take() {
-                commands.entity(entity).despawn();
+/// Where light is shown.
+struct Shown<'a> {
+    tiles: &'a mut Tiles,
+    to_device: &'a mut ToDevice,
+    status: &'a mut PatchlightStatus,
+}
+
+impl Shown<'_> {
+    /// Takes the outcome of an order.
+    fn finish(&mut self, lit: &mut Lit, outcome: Outcome, commands: &mut Commands, images: &mut Assets<Image>) {
+        let (work, found) = outcome;
+        let place = work.place();
+        lit.work = Some(SyncCell::new(work));
+        match found {
+            Ok(Found::Nothing) => {}
+            Ok(Found::Texels(texels)) => self.show(lit, texels, commands, images),
+            Ok(Found::ForDevice(bake, base)) => {
+                if let Some(bake) = bake {
+                    if bake.setup.is_some() {
+                        show_volume(lit, place, commands, images);
+                        self.status.scenes += 1;
+                    }
+                    let probes = lit.volume.as_ref().map(|(_, image, _)| image.id());
+                    let targets = Targets { lightmap: lit.lightmap.id(), probes };
+                    self.to_device.messages.push(Message::Bake(Box::new(bake), targets, self.status.scenes));
+                    self.to_device.is_lit = true;
+                    // Light of a new bake is found anew.
+                    lit.device = Some((self.status.scenes, None));
+                }
+                self.to_device.messages.push(Message::Base(base));
+            }
+            Err(error) => {
+                fail(self.status, &error.to_string());
+                lit.work = None;
             }
         }
     }
-    status.updates += 1;
-    status.update_time = Duration::from_secs_f32(texels.seconds.0);
-    status.work_time = Duration::from_secs_f32(texels.seconds.1);
+
+    /// Shows texels of the processor.
+    fn show(&mut self, lit: &mut Lit, texels: Texels, commands: &mut Commands, images: &mut Assets<Image>) {
+        texels.warnings.iter().for_each(|warning| warn!("Patchlight: {warning}"));
+        lit.has_light = true;
+        let id = lit.lightmap.id();
+        let (width, height) = self.status.lightmap_size;
+        let of_tiles = self.tiles.add(id, width, &lit.texels, &texels.lightmap);
+        if of_tiles.is_none()
+            && let Some(mut image) = images.get_mut(&lit.lightmap)
+        {
+            self.tiles.forget(id);
+            image.data = Some(texels.lightmap.clone());
+        }
+        self.status.texels_sent = of_tiles.unwrap_or(u64::from(width) * u64::from(height));
+        lit.texels = texels.lightmap;
+        show_volume(lit, texels.probes.as_ref().map(|probes| probes.place), commands, images);
+        if let (Some(ProbeTexels { bytes, .. }), Some((_, image, _))) = (texels.probes, &lit.volume)
+            && let Some(mut image) = images.get_mut(image)
+        {
+            image.data = Some(bytes);
+        }
+        self.status.updates += 1;
+        self.status.update_time = Duration::from_secs_f32(texels.seconds.0);
+        self.status.work_time = Duration::from_secs_f32(texels.seconds.1);
+    }
 }
 
-/// Writes an irradiance volume, and makes it where there is none.
-fn show_probes(lit: &mut Lit, probes: ProbeTexels, commands: &mut Commands, images: &mut Assets<Image>) {
-    if let Some((entity, handle, size)) = &lit.volume {
-        if *size == probes.size
-            && let Some(mut image) = images.get_mut(handle)
-        {
-            image.data = Some(probes.bytes);
-            return;
-        }
-        commands.entity(*entity).despawn();
+/// Makes an irradiance volume at a place, dark, unless it is there already; takes away one that is elsewhere.
+fn show_volume(lit: &mut Lit, place: Option<Place>, commands: &mut Commands, images: &mut Assets<Image>) {
+    if lit.volume.as_ref().map(|(_, _, place)| *place) == place {
+        return;
     }
-    let [width, height, depth_or_array_layers] = probes.size;
+    if let Some((entity, ..)) = lit.volume.take() {
+        commands.entity(entity).despawn();
+    }
+    let Some(place) = place else { return };
+    let [width, height, depth_or_array_layers] = place.size;
     let size = Extent3d { width, height, depth_or_array_layers };
-    let mut image = Image::new(
-        size,
-        TextureDimension::D3,
-        probes.bytes,
-        TextureFormat::Rgba16Float,
-        RenderAssetUsages::RENDER_WORLD,
-    );
+    let (kind, format) = (TextureDimension::D3, TextureFormat::Rgba16Float);
+    let mut image = Image::new_fill(size, kind, &[0; 8], format, RenderAssetUsages::RENDER_WORLD);
     image.sampler = ImageSampler::linear();
     let voxels = images.add(image);
     let vector = |v: patchlight::glam::Vec3| Vec3::from_array(v.to_array());
     let transform =
-        Transform { translation: vector(probes.middle), rotation: Quat::IDENTITY, scale: vector(probes.extent) };
+        Transform { translation: vector(place.middle), rotation: Quat::IDENTITY, scale: vector(place.extent) };
     let volume = IrradianceVolume { voxels: voxels.clone(), intensity: 1.0, affects_lightmapped_meshes: false };
     let entity = commands.spawn((LightProbe::new(), volume, transform, Visibility::Visible)).id();
-    lit.volume = Some((entity, voxels, probes.size));
+    lit.volume = Some((entity, voxels, place));
 }

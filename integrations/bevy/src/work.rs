@@ -19,8 +19,9 @@ use patchlight::{
 
 use crate::PatchlightSettings;
 use crate::gather::MeshParts;
-use crate::layout::{half_texel, picture};
+use crate::layout::{half_texel, picture, shown};
 use crate::lights::LampsNow;
+use crate::shared::{Base, DeviceBake, Layout, Setup};
 
 /// Rays to what shines from each texel and probe, while a bake goes on and after it.
 const FEW_RAYS: u32 = 32;
@@ -53,6 +54,15 @@ pub(crate) struct Order {
     pub moves: Vec<Move>,
 }
 
+/// What an order leads to.
+pub(crate) enum Found {
+    /// Nothing, before the first bake.
+    Nothing,
+    Texels(Texels),
+    /// What a light field on Bevy's device needs.
+    ForDevice(Option<DeviceBake>, Base),
+}
+
 /// Texels of an update.
 #[derive(Debug)]
 pub(crate) struct Texels {
@@ -67,19 +77,29 @@ pub(crate) struct Texels {
 /// Texels of an irradiance volume.
 #[derive(Debug)]
 pub(crate) struct ProbeTexels {
-    pub size: [u32; 3],
+    pub place: Place,
     pub bytes: Vec<u8>,
+}
+
+/// Where an irradiance volume is, m, and its columns, rows and slabs.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Place {
+    pub size: [u32; 3],
     pub middle: Vec3,
     pub extent: Vec3,
 }
 
-/// A light field with what is made of it.
+/// A light field with what is made of it; on Bevy's device the light field itself is in the render world.
 pub(crate) struct Work {
     prepared: Arc<Prepared>,
     settings: LightSettings,
     device: DeviceChoice,
+    is_shared: bool,
     probe_count: u32,
-    field: Option<LightField>,
+    /// The newest bake.
+    bake: Option<Arc<Bake>>,
+    /// With the points of the probes.
+    field: Option<(LightField, Option<PointSet>)>,
     lightmap: LiveLightmap,
     probes: Option<Probes>,
     objects: HashMap<Entity, ObjectId>,
@@ -87,7 +107,6 @@ pub(crate) struct Work {
 
 struct Probes {
     volume: VoxelVolume,
-    set: PointSet,
     surroundings: Surroundings,
 }
 
@@ -103,7 +122,9 @@ impl Work {
             prepared,
             settings: light.with_point_rays(PROBE_RAYS),
             device: settings.device.clone(),
+            is_shared: settings.shares_device,
             probe_count: settings.probe_count,
+            bake: None,
             field: None,
             lightmap,
             probes: None,
@@ -115,55 +136,110 @@ impl Work {
     ///
     /// # Errors
     /// What the library says.
-    pub fn run(&mut self, order: &Order) -> Result<Option<Texels>, Error> {
+    pub fn run(&mut self, order: &Order) -> Result<Found, Error> {
         let start = Instant::now();
-        let mut warnings = Vec::new();
+        let before = self.bake.clone();
         if let Some((bake, is_last)) = &order.bake {
-            self.take(bake, *is_last, &mut warnings)?;
+            self.take(bake, *is_last);
         }
-        let Some(field) = &mut self.field else { return Ok(None) };
+        let Some(bake) = self.bake.clone() else { return Ok(Found::Nothing) };
+        if self.is_shared {
+            let is_new = order.bake.is_some();
+            return self.for_device(&bake, (is_new, before.is_none()), &order.lamps);
+        }
+        let mut warnings = Vec::new();
+        let (mut field, set) = self.field(&bake, &mut warnings)?;
         for change in &order.moves {
-            if let Err(error) = apply(field, &mut self.objects, change) {
+            if let Err(error) = apply(&mut field, &mut self.objects, change) {
                 warnings.push(error.to_string());
             }
         }
-        let lighting = &order.lamps.lighting;
         let update = Instant::now();
-        field.update(lighting)?;
+        field.update(&order.lamps.lighting)?;
         let surface = field.surface_irradiance()?;
         let seconds = update.elapsed().as_secs_f32();
-        let values = self.lightmap.irradiance_of(field, &surface, LightPart::WithoutLights)?;
+        let values = self.lightmap.irradiance_of(&field, &surface, LightPart::WithoutLights)?;
         let lightmap = picture(&self.lightmap, &values);
-        let scene = &self.prepared.scene;
-        let probes = match &mut self.probes {
-            Some(probes) => Some(probes.texels(field, scene, &order.lamps)?),
-            None => None,
-        };
-        Ok(Some(Texels { lightmap, probes, seconds: (seconds, start.elapsed().as_secs_f32()), warnings }))
+        let mut probes = None;
+        if let (Some(own), Some(set)) = (&mut self.probes, set) {
+            let mut cubes = field.read(set)?.values;
+            own.add_surroundings(&self.prepared.scene, &order.lamps, &mut cubes)?;
+            probes = Some(own.texels(&cubes));
+        }
+        self.field = Some((field, set));
+        Ok(Found::Texels(Texels { lightmap, probes, seconds: (seconds, start.elapsed().as_secs_f32()), warnings }))
     }
 
     /// Takes another bake.
-    fn take(&mut self, bake: &Arc<Bake>, is_last: bool, warnings: &mut Vec<String>) -> Result<(), Error> {
-        match &mut self.field {
-            Some(field) => field.set_bake(Arc::clone(bake), &Silent)?,
-            empty => {
-                let (executor, note) = open(&self.device)?;
-                warnings.extend(note);
-                let field = LightField::new(Arc::clone(bake), executor, &self.settings, &Silent)?;
-                self.probes = Probes::new(empty.insert(field), self.probe_count)?;
-            }
+    fn take(&mut self, bake: &Arc<Bake>, is_last: bool) {
+        if self.bake.is_none() {
+            self.probes = Probes::new(bake, self.probe_count);
         }
+        self.bake = Some(Arc::clone(bake));
         if is_last {
             self.lightmap.set_rays(MANY_RAYS);
             if let Some(probes) = &mut self.probes {
                 probes.surroundings = Surroundings::with_rays(MANY_RAYS);
             }
         }
-        Ok(())
+    }
+
+    /// The light field, of the newest bake.
+    fn field(
+        &mut self,
+        bake: &Arc<Bake>,
+        warnings: &mut Vec<String>,
+    ) -> Result<(LightField, Option<PointSet>), Error> {
+        if let Some((mut field, set)) = self.field.take() {
+            if !Arc::ptr_eq(field.bake(), bake) {
+                field.set_bake(Arc::clone(bake), &Silent)?;
+            }
+            return Ok((field, set));
+        }
+        let (executor, note) = open(&self.device)?;
+        warnings.extend(note);
+        let mut field = LightField::new(Arc::clone(bake), executor, &self.settings, &Silent)?;
+        let set = match &self.probes {
+            Some(probes) => Some(field.add_points(&probes.points(), PointKind::Cube, &Silent)?),
+            None => None,
+        };
+        Ok((field, set))
+    }
+
+    /// What a light field on Bevy's device needs of the processor: a bake that `is_new`, for a scene that `is_first` has it
+    /// of, and what surfaces that shine and the sky send.
+    fn for_device(
+        &mut self,
+        bake: &Arc<Bake>,
+        (is_new, is_first): (bool, bool),
+        lamps: &LampsNow,
+    ) -> Result<Found, Error> {
+        let mut base = Base { lightmap: self.lightmap.surroundings(bake, &lamps.lighting)?, probes: Vec::new() };
+        if let Some(probes) = &mut self.probes {
+            base.probes = vec![Vec3::ZERO; probes.volume.points().len()];
+            probes.add_surroundings(&self.prepared.scene, lamps, &mut base.probes)?;
+        }
+        let bake = if is_new {
+            let setup = || Setup {
+                light: self.settings.clone(),
+                lightmap: shown(&self.lightmap),
+                probes: self.probes.as_ref().map(|probes| (probes.points(), probes.layout())),
+            };
+            let setup = is_first.then(setup);
+            Some(DeviceBake { bake: Arc::clone(bake), rows: self.lightmap.rows(bake)?.to_vec(), setup })
+        } else {
+            None
+        };
+        Ok(Found::ForDevice(bake, base))
+    }
+
+    /// The irradiance volume, if there is one.
+    pub fn place(&self) -> Option<Place> {
+        self.probes.as_ref().map(Probes::place)
     }
 }
 
-fn apply(field: &mut LightField, objects: &mut HashMap<Entity, ObjectId>, change: &Move) -> Result<(), Error> {
+pub(crate) fn apply(field: &mut LightField, objects: &mut HashMap<Entity, ObjectId>, change: &Move) -> Result<(), Error> {
     match change {
         Move::Insert(entity, parts, transform) => {
             let id = field.objects().insert(&parts.mesh(Affine3A::IDENTITY), *transform)?;
@@ -187,47 +263,58 @@ fn apply(field: &mut LightField, objects: &mut HashMap<Entity, ObjectId>, change
 
 impl Probes {
     /// About so many probes over the bounds of a bake; none where none are asked for, or none has room.
-    fn new(field: &mut LightField, count: u32) -> Result<Option<Self>, Error> {
+    fn new(bake: &Bake, count: u32) -> Option<Self> {
         if count == 0 {
-            return Ok(None);
+            return None;
         }
-        let bake = Arc::clone(field.bake());
         let settings = VolumeSettings { size: VolumeSize::Count(count), ..VolumeSettings::default() };
-        let Ok(volume) = VoxelVolume::new(bake.scene(), &settings, &|point| is_lit(&bake, point)) else {
-            return Ok(None);
-        };
-        let first_of_each = volume.points().iter().step_by(CUBE_SIDES as usize);
-        let places: Vec<Point> =
-            first_of_each.map(|side| Point { position: side.position, normal: side.normal }).collect();
-        let set = field.add_points(&places, PointKind::Cube, &Silent)?;
-        Ok(Some(Self { volume, set, surroundings: Surroundings::with_rays(FEW_RAYS) }))
+        let volume = VoxelVolume::new(bake.scene(), &settings, &|point| is_lit(bake, point)).ok()?;
+        Some(Self { volume, surroundings: Surroundings::with_rays(FEW_RAYS) })
     }
 
-    /// Texels as Bevy has them: +x, +y, +z in three slabs along z, and their opposites in the upper halves along y.
-    fn texels(&mut self, field: &mut LightField, scene: &Scene, lamps: &LampsNow) -> Result<ProbeTexels, Error> {
-        let mut cubes = field.read(self.set)?.values;
+    /// Where the probes are.
+    fn points(&self) -> Vec<Point> {
+        let first_of_each = self.volume.points().iter().step_by(CUBE_SIDES as usize);
+        first_of_each.map(|side| Point { position: side.position, normal: side.normal }).collect()
+    }
+
+    /// Adds to the sides of the probes what surfaces that shine and the sky send.
+    fn add_surroundings(&mut self, scene: &Scene, lamps: &LampsNow, cubes: &mut [Vec3]) -> Result<(), Error> {
         let mut lighting = Lighting { lights: Vec::new(), ..lamps.lighting.clone() };
         if lamps.has_ambient {
             // Bevy adds it.
             lighting.sky = Default::default();
         }
-        self.surroundings.add(scene, self.volume.points(), &lighting, &mut cubes)?;
+        self.surroundings.add(scene, self.volume.points(), &lighting, cubes)
+    }
+
+    /// Texels as Bevy has them: +x, +y, +z in three slabs along z, and their opposites in the upper halves along y.
+    fn layout(&self) -> Layout {
         let shape = self.volume.params.shape;
         let counts = [shape.count_x, shape.count_y, shape.count_z];
         let size = [counts[0], 2 * counts[1], 3 * counts[2]];
-        let mut bytes = Vec::with_capacity(8 * size.iter().product::<u32>() as usize);
+        let mut shown = Vec::with_capacity(size.iter().product::<u32>() as usize);
         for z in 0..size[2] {
             for y in 0..size[1] {
                 for x in 0..size[0] {
                     let voxel = x + counts[0] * (y % counts[1] + counts[1] * (z % counts[2]));
                     let side = 2 * (z / counts[2]) + y / counts[1];
                     let probe = self.volume.probes[voxel as usize] & !EMPTY_CELL;
-                    let value = cubes[(probe * CUBE_SIDES + side) as usize];
-                    bytes.extend(half_texel(value).into_iter().flat_map(f16::to_le_bytes));
+                    shown.push(probe * CUBE_SIDES + side);
                 }
             }
         }
-        let extent = shape.edges * Vec3::new(counts[0] as f32, counts[1] as f32, counts[2] as f32);
-        Ok(ProbeTexels { size, bytes, middle: shape.origin + 0.5 * extent, extent })
+        Layout { size, shown }
+    }
+
+    fn place(&self) -> Place {
+        let shape = self.volume.params.shape;
+        let extent = shape.edges * Vec3::new(shape.count_x as f32, shape.count_y as f32, shape.count_z as f32);
+        Place { size: [shape.count_x, 2 * shape.count_y, 3 * shape.count_z], middle: shape.origin + 0.5 * extent, extent }
+    }
+
+    fn texels(&self, cubes: &[Vec3]) -> ProbeTexels {
+        let texels = self.layout().shown.into_iter().map(|side| half_texel(cubes[side as usize]));
+        ProbeTexels { place: self.place(), bytes: texels.flatten().flat_map(f16::to_le_bytes).collect() }
     }
 }

@@ -196,7 +196,7 @@ fn compare(name: &str, settings: PatchlightSettings) -> (f64, f64) {
     let patch_count = settings.patch_count;
     let scene = assets::load_or_build(name).unwrap();
     let scale = 0.1;
-    let mut app = headless(settings);
+    let mut app = app_of(settings);
     spawn(&mut app, &scene);
     for light in &scene.scene.lighting.lights {
         support::spawn_light(light, &mut app.world_mut().commands()).unwrap();
@@ -307,6 +307,31 @@ fn pictures_of_a_vulkan_device_are_those_of_patchlight() {
     assert!(ssim >= 0.97 && (ratio - 1.0).abs() < 0.03, "{ssim} {ratio}");
 }
 
+/// Light that never leaves Bevy's own device.
+#[cfg(feature = "vulkan")]
+#[test]
+fn pictures_of_bevys_own_device_are_those_of_patchlight() {
+    let (ssim, ratio) = compare("cornell", PatchlightSettings { shares_device: true, ..settings(400, 0.01) });
+    assert!(ssim >= 0.97 && (ratio - 1.0).abs() < 0.03, "{ssim} {ratio}");
+}
+
+#[cfg(feature = "vulkan")]
+#[test]
+fn a_device_that_cannot_be_shared_is_told() {
+    let shared = PatchlightSettings { shares_device: true, ..settings(60, 0.2) };
+    let mut app = headless(shared.clone());
+    room(&mut app);
+    (0..6).for_each(|_| app.update());
+    let PatchlightStage::Failed(reason) = status(&app).stage else { panic!("{:?}", status(&app)) };
+    assert!(reason.contains("vulkan_renderer"), "{reason}");
+    let device = bevy_patchlight::DeviceChoice::Vulkan;
+    let mut app = headless(PatchlightSettings { device, ..shared });
+    room(&mut app);
+    (0..4).for_each(|_| app.update());
+    let PatchlightStage::Failed(reason) = status(&app).stage else { panic!("{:?}", status(&app)) };
+    assert!(reason.contains("shares_device"), "{reason}");
+}
+
 #[test]
 fn a_device_that_is_not_there_is_told() {
     let device = bevy_patchlight::DeviceChoice::Name("no such card".into());
@@ -315,6 +340,15 @@ fn a_device_that_is_not_there_is_told() {
     (0..4).for_each(|_| app.update());
     let PatchlightStage::Failed(reason) = status(&app).stage else { panic!("{:?}", status(&app)) };
     assert!(reason.contains("no such card") || reason.contains("Vulkan"), "{reason}");
+}
+
+/// An app on the device that the settings ask for.
+fn app_of(settings: PatchlightSettings) -> App {
+    #[cfg(feature = "vulkan")]
+    if settings.shares_device {
+        return common::headless_shared(settings);
+    }
+    headless(settings)
 }
 
 /// A closed room of boxes with a lamp, and its light as Bevy shows it.

@@ -42,7 +42,7 @@ pub struct LiveLightmap {
     surroundings: Surroundings,
 }
 
-/// Interpolation points and their weights.
+/// Interpolation points of a bake and their weights.
 type Row = ([u32; 3], [f32; 3]);
 
 impl LiveLightmap {
@@ -177,18 +177,17 @@ impl LiveLightmap {
     /// # Errors
     /// As [`Self::irradiance`].
     pub fn irradiance_of(&mut self, field: &LightField, surface: &[Vec3], part: LightPart) -> Result<Vec<Vec3>, Error> {
-        self.take(field.bake())?;
+        let lighting = &field.scene().lighting;
+        let bake = field.bake();
+        let mut values = match part {
+            LightPart::Indirect => vec![Vec3::ZERO; self.texels.points().len()],
+            _ => self.surroundings(bake, lighting)?,
+        };
         let sum = |(points, weights): &Row| -> Vec3 {
             let of = |(&k, &weight): (&u32, &f32)| surface.get(k as usize).map_or(Vec3::ZERO, |own| *own * weight);
             points.iter().zip(weights).map(of).sum()
         };
-        let mut values: Vec<Vec3> = self.rows.par_iter().map(sum).collect();
-        if part == LightPart::Indirect {
-            return Ok(values);
-        }
-        // Traced on the bake's triangles: its materials are those that the lighting speaks of.
-        let lighting = &field.scene().lighting;
-        self.surroundings.add(field.bake().scene(), self.texels.points(), lighting, &mut values)?;
+        self.rows(bake)?.par_iter().zip(&mut values).for_each(|(row, value)| *value += sum(row));
         if part == LightPart::Full && !lighting.lights.is_empty() {
             let emission = vec![Vec3::ZERO; field.scene().materials.len()];
             let distributions = Arc::clone(&lighting.distributions);
@@ -196,6 +195,28 @@ impl LiveLightmap {
             let lit = Scene::under(Arc::clone(&field.scene().geometry), lights)?;
             add_at_taps(&lit, (&self.scene, &self.texels), &mut values);
         }
+        Ok(values)
+    }
+
+    /// The [interpolation points](patches::MeshReceivers::interpolation) of a bake and their weights, for each receiver:
+    /// for callers whose own shaders take light from [`ReceiverBuffers::interpolated`](crate::ReceiverBuffers).
+    ///
+    /// # Errors
+    /// [`Unsupported`](crate::ErrorKind::Unsupported) unless receivers are on the mesh.
+    pub fn rows(&mut self, bake: &Arc<Bake>) -> Result<&[([u32; 3], [f32; 3])], Error> {
+        self.take(bake)?;
+        Ok(&self.rows)
+    }
+
+    /// Direct irradiance at the receivers from surfaces that shine and from the sky, W/m²: what
+    /// [`LightPart::WithoutLights`] has besides indirect light.
+    ///
+    /// # Errors
+    /// A lighting that does not fit the scene.
+    pub fn surroundings(&mut self, bake: &Bake, lighting: &Lighting) -> Result<Vec<Vec3>, Error> {
+        let mut values = vec![Vec3::ZERO; self.texels.points().len()];
+        // Traced on the bake's triangles: its materials are those that the lighting speaks of.
+        self.surroundings.add(bake.scene(), self.texels.points(), lighting, &mut values)?;
         Ok(values)
     }
 

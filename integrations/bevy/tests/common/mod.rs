@@ -10,7 +10,7 @@ use bevy::render::RenderPlugin;
 use bevy::render::gpu_readback::{Readback, ReadbackComplete};
 use bevy::render::pipelined_rendering::PipelinedRenderingPlugin;
 use bevy::render::render_resource::{TextureFormat, TextureUsages};
-use bevy::render::settings::{InstanceFlags, WgpuSettings};
+use bevy::render::settings::{InstanceFlags, RenderCreation, WgpuSettings};
 use bevy::window::ExitCondition;
 use bevy::winit::WinitPlugin;
 use bevy_patchlight::{PatchlightPlugin, PatchlightSettings};
@@ -23,11 +23,22 @@ pub fn headless(settings: PatchlightSettings) -> App {
 
 /// The same with assets in a folder.
 pub fn headless_in(settings: PatchlightSettings, assets: &std::path::Path) -> App {
+    let renderer = WgpuSettings { instance_flags: InstanceFlags::VALIDATION, ..WgpuSettings::default() };
+    headless_on(settings, assets, renderer.into())
+}
+
+/// The same on a device that light shares.
+#[cfg(feature = "vulkan")]
+pub fn headless_shared(settings: PatchlightSettings) -> App {
+    let renderer = WgpuSettings { instance_flags: InstanceFlags::VALIDATION, ..WgpuSettings::default() };
+    let renderer = bevy_patchlight::vulkan_renderer(&renderer).unwrap();
+    headless_on(PatchlightSettings { shares_device: true, ..settings }, std::path::Path::new("assets"), renderer)
+}
+
+fn headless_on(settings: PatchlightSettings, assets: &std::path::Path, renderer: RenderCreation) -> App {
     let mut app = App::new();
     let window = WindowPlugin { primary_window: None, exit_condition: ExitCondition::DontExit, ..default() };
-    let renderer = WgpuSettings { instance_flags: InstanceFlags::VALIDATION, ..WgpuSettings::default() };
-    let renderer =
-        RenderPlugin { render_creation: renderer.into(), synchronous_pipeline_compilation: true, ..default() };
+    let renderer = RenderPlugin { render_creation: renderer, synchronous_pipeline_compilation: true, ..default() };
     let files = AssetPlugin { file_path: assets.to_string_lossy().into_owned(), ..default() };
     let own = DefaultPlugins.set(window).set(renderer).set(files).disable::<WinitPlugin>().disable::<LogPlugin>();
     // One thread draws: a picture is that of its frame, and nothing is drawn while an app ends.
