@@ -1,4 +1,5 @@
 //! A court under the sky: the sun goes by a slider, a lamp is switched, a door swings. Right mouse button and WASD fly.
+//! With the feature `vulkan`, `--shared` finds light on the device that draws.
 
 mod support;
 
@@ -9,6 +10,9 @@ use bevy::camera_controller::free_camera::{FreeCamera, FreeCameraPlugin};
 use bevy::core_pipeline::tonemapping::Tonemapping;
 use bevy::light::GlobalAmbientLight;
 use bevy::prelude::*;
+use bevy::render::RenderPlugin;
+#[cfg(feature = "vulkan")]
+use bevy::render::settings::WgpuSettings;
 use bevy::ui::RelativeCursorPosition;
 use bevy_patchlight::{PatchlightMoving, PatchlightPlugin, PatchlightSettings, PatchlightStage, PatchlightStatus};
 
@@ -22,14 +26,36 @@ const SMOOTH: f32 = 0.05;
 
 fn main() {
     let window = Window { title: "Patchlight: atrium".into(), resolution: (1280, 720).into(), ..default() };
+    let (shares_device, renderer) = renderer();
     App::new()
-        .add_plugins(DefaultPlugins.set(WindowPlugin { primary_window: Some(window), ..default() }))
+        .add_plugins(DefaultPlugins.set(WindowPlugin { primary_window: Some(window), ..default() }).set(renderer))
         .add_plugins((FreeCameraPlugin, PatchlightPlugin))
-        .insert_resource(PatchlightSettings { patch_count: 2000, texel: 0.15, ..default() })
+        .insert_resource(PatchlightSettings { patch_count: 2000, texel: 0.15, shares_device, ..default() })
         .insert_resource(Hours { value: 0.4, is_lamp_on: false, is_door_open: false, angle: 0.0 })
         .add_systems(Startup, (setup, panel))
         .add_systems(Update, (drag, press, keys, shine, swing, tell))
         .run();
+}
+
+/// With `--shared` a renderer on whose device light is found, and true; else Bevy's own.
+#[cfg(feature = "vulkan")]
+fn renderer() -> (bool, RenderPlugin) {
+    if !std::env::args().any(|argument| argument == "--shared") {
+        return (false, RenderPlugin::default());
+    }
+    match bevy_patchlight::vulkan_renderer(&WgpuSettings::default()) {
+        Ok(render_creation) => (true, RenderPlugin { render_creation, ..default() }),
+        Err(error) => {
+            eprintln!("{error}");
+            std::process::exit(1);
+        }
+    }
+}
+
+/// Bevy's own renderer; light is found on the processor.
+#[cfg(not(feature = "vulkan"))]
+fn renderer() -> (bool, RenderPlugin) {
+    (false, RenderPlugin::default())
 }
 
 /// What the panel sets.

@@ -141,18 +141,15 @@ fn open_raw(
     if !unsafe { enable_memory_model(&create) } {
         return Err(PatchlightRendererError::MissingFeature { device: info.name, feature: "vulkanMemoryModel" });
     }
-    let failed = |result: vk::Result| PatchlightRendererError::Vulkan {
-        call: "vkCreateDevice",
-        result: result.to_string(),
-    };
+    let failed =
+        |result: vk::Result| PatchlightRendererError::Vulkan { call: "vkCreateDevice", result: result.to_string() };
     // SAFETY: the physical device is of this instance; the structures live.
     let raw = unsafe { instance.create_device(physical, &create, None) }.map_err(failed)?;
     let handle = raw.handle().as_raw();
     let (limits, hints) = (&descriptor.required_limits, &descriptor.memory_hints);
     // SAFETY: made from this adapter with these extensions and features, and one queue of family 0.
-    let made = unsafe {
-        adapter.device_from_raw(raw, None, &extensions, descriptor.required_features, limits, hints, 0, 0)
-    };
+    let made =
+        unsafe { adapter.device_from_raw(raw, None, &extensions, descriptor.required_features, limits, hints, 0, 0) };
     let made = made.map_err(|error| PatchlightRendererError::NoDevice(error.to_string()))?;
     OURS.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert_default().insert(handle);
     Ok(made)

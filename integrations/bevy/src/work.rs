@@ -185,11 +185,7 @@ impl Work {
     }
 
     /// The light field, of the newest bake.
-    fn field(
-        &mut self,
-        bake: &Arc<Bake>,
-        warnings: &mut Vec<String>,
-    ) -> Result<(LightField, Option<PointSet>), Error> {
+    fn field(&mut self, bake: &Arc<Bake>, warnings: &mut Vec<String>) -> Result<(LightField, Option<PointSet>), Error> {
         if let Some((mut field, set)) = self.field.take() {
             if !Arc::ptr_eq(field.bake(), bake) {
                 field.set_bake(Arc::clone(bake), &Silent)?;
@@ -239,7 +235,11 @@ impl Work {
     }
 }
 
-pub(crate) fn apply(field: &mut LightField, objects: &mut HashMap<Entity, ObjectId>, change: &Move) -> Result<(), Error> {
+pub(crate) fn apply(
+    field: &mut LightField,
+    objects: &mut HashMap<Entity, ObjectId>,
+    change: &Move,
+) -> Result<(), Error> {
     match change {
         Move::Insert(entity, parts, transform) => {
             let id = field.objects().insert(&parts.mesh(Affine3A::IDENTITY), *transform)?;
@@ -310,7 +310,11 @@ impl Probes {
     fn place(&self) -> Place {
         let shape = self.volume.params.shape;
         let extent = shape.edges * Vec3::new(shape.count_x as f32, shape.count_y as f32, shape.count_z as f32);
-        Place { size: [shape.count_x, 2 * shape.count_y, 3 * shape.count_z], middle: shape.origin + 0.5 * extent, extent }
+        Place {
+            size: [shape.count_x, 2 * shape.count_y, 3 * shape.count_z],
+            middle: shape.origin + 0.5 * extent,
+            extent,
+        }
     }
 
     fn texels(&self, cubes: &[Vec3]) -> ProbeTexels {
