@@ -38,6 +38,7 @@ use shell::progress::{Progress, continue_in, interruptible};
     patchlight bake sponza.toml --patch-count 10000 -o sponza.bake\n  \
     patchlight bake office --for low_rank,feedback,temporal -o office.bake\n  \
     patchlight bake office --for multibounce --codec bc6h -o office.bake\n  \
+    patchlight bake atrium --for-frames -o atrium.bake && gzip -9 atrium.bake     for a page: docs of integrations/web\n  \
     patchlight bake sponza.toml --plan 8 --format slurm -o sponza.bake     the jobs of a farm: sbatch sponza.sbatch\n  \
     patchlight render office.bake --method temporal --frames 60 --animate sun\n  \
     patchlight info office.bake\n\n\
@@ -56,6 +57,10 @@ pub struct Bake {
         help_heading = "Method"
     )]
     pub methods: Vec<Method>,
+    /// Keep what frames need and no more, rounded, for downloads: `gzip` packs it to less than half. Edits of the scene
+    /// and operators are made anew.
+    #[arg(long, conflicts_with_all = ["methods", "plan", "round"], help_heading = "Method")]
+    pub for_frames: bool,
     #[command(flatten)]
     pub bake: BakeOptions,
     #[command(flatten)]
@@ -124,6 +129,7 @@ pub fn run(common: &Common, args: &Bake) -> Result<(), Error> {
         true => open(&DeviceChoice::Cpu)?.0,
         false => open_device(common, &progress)?,
     };
+    let methods: &[Method] = if args.for_frames { &[] } else { &args.methods };
     let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
     let settings = FileSettings {
         origin: Origin {
@@ -132,7 +138,7 @@ pub fn run(common: &Common, args: &Bake) -> Result<(), Error> {
             application: loaded.description().into_bytes(),
         },
         bake: args.bake.settings(&loaded, &loaded.animation, memory_limit, common.seed),
-        methods: args.methods.iter().map(|method| operator_of(&args.operators, *method)).collect(),
+        methods: methods.iter().map(|method| operator_of(&args.operators, *method)).collect(),
         build: Build { on: operators_on(common, device.device().kind), memory_limit, folder: folder.to_path_buf() },
     };
     let of_scene = |error: patchlight::Error| Error::of_scene(error, &args.scene);
@@ -151,6 +157,9 @@ pub fn run(common: &Common, args: &Bake) -> Result<(), Error> {
     continue_in(beginning_of(&path));
     let build = || patchlight::Bake::build_into(&path, &loaded.scene, &settings, device.as_mut(), &progress);
     let bake = interruptible(build).map_err(of_scene)?;
+    if args.for_frames {
+        bake.save_for_frames(&path, &settings.origin).map_err(of_scene)?;
+    }
     if loaded.files.iter().any(|file| is_younger(file, begun)) {
         progress.warn(&format!("{} was edited while it was baked; bake it again", args.scene));
     }

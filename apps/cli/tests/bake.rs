@@ -61,6 +61,22 @@ fn every_method_renders_the_same_bits_from_a_bake() {
 }
 
 #[test]
+fn a_bake_for_frames_is_rendered() {
+    let folder = tempfile::tempdir().unwrap();
+    let name = |file: &str| folder.path().join(file).to_string_lossy().into_owned();
+    let [file, whole] = [name("frames.bake"), name("whole.bake")];
+    bake("cornell", &file, &["--for-frames"]);
+    bake("cornell", &whole, &["--for", "classic"]);
+    let bytes = |file: &str| fs::metadata(file).unwrap().len();
+    assert!(bytes(&file) < bytes(&whole));
+    let [(near, _), (exact, _)] =
+        [&file, &whole].map(|file| render(&[file, "--method", "classic"], &folder.path().join("picture")));
+    assert!(near.len() > 1000 && near.len().abs_diff(exact.len()) < exact.len() / 10);
+    let refused = run(&["bake", "cornell", "--for-frames", "--for", "low_rank", "-o", &file]);
+    assert_eq!(refused.status.code(), Some(2), "{}", text(&refused.stderr));
+}
+
+#[test]
 fn all_kinds_of_patches_and_receivers_are_kept() {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("a.bake").to_string_lossy().into_owned();

@@ -20,9 +20,11 @@
 //! | 4 | form factors | [`FormFactors`], density, how direct light is measured, bounces |
 //! | 5 | receivers | [`MeshReceivers`], what the bake says of its errors ([`EnergyCheck`]), keys of the rows' random numbers |
 //! | 6 | operator | a [`BakedOperator`]; one each |
+//! | 8 | form factors of elements | in place of kind 4, in files for frames ([`Bake::save_for_frames`]): those of patches are means |
 //!
 //! Version 1 are worlds, whose format is that of `localmatrix`.
 
+mod rounded;
 mod sections;
 
 use std::path::Path;
@@ -37,7 +39,7 @@ use scene::gpu::DirectParams;
 use scene::{Geometry, Lighting, Material, Scene};
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
-use transport::{LinearOperator as _, Observer, check_length};
+use transport::{HitCounts, LinearOperator as _, Observer, check_length};
 
 use crate::bake::{Bake, BakeSettings, PatchBake, RowKeys, cut_scene, density_of};
 use crate::energy::EnergyCheck;
@@ -154,6 +156,29 @@ impl From<&Bake> for StoredFactors {
             direct: bake.direct,
             bounces: bake.bounces,
         }
+    }
+}
+
+/// Form factors of elements, of which those of patches are made again, with what follows from them.
+#[derive(Serialize, Deserialize)]
+struct StoredRows {
+    rows: HitCounts,
+    #[serde(with = "scene::pod::table")]
+    sky_factor: Vec<f32>,
+    density: Density,
+    #[serde(with = "scene::pod::value")]
+    direct: DirectParams,
+    bounces: u32,
+}
+
+impl StoredRows {
+    fn open(self, mesh: &PatchMesh) -> Result<StoredFactors, Error> {
+        let Self { rows, sky_factor, density, direct, bounces } = self;
+        rows.check()?;
+        check_length("rows of elements", mesh.elements.len(), rows.rows())?;
+        check_length("columns of elements", mesh.elements.len(), rows.columns())?;
+        let form_factors = FormFactors::of_rows(mesh, rows, sky_factor)?;
+        Ok(StoredFactors { form_factors, density, direct, bounces })
     }
 }
 
@@ -305,6 +330,37 @@ impl Bake {
         Ok(writer.finish()?)
     }
 
+    /// Keeps what frames need, for downloads: form factors of patches are left out, since they follow from those of
+    /// elements, and operators and the keys of edits, which are made again; positions of samples and receivers are
+    /// rounded to a fraction of a ray's offset, and their albedo and weights to 10 bits of fraction, for whoever packs the
+    /// file. Light differs by less than 0.1 % from that of the whole bake.
+    ///
+    /// # Errors
+    /// As [`Self::save`].
+    pub fn save_for_frames(&self, path: &Path, origin: &Origin) -> Result<(), Error> {
+        let mut own = Self { operators: Vec::new(), ..self.clone() };
+        rounded::round(&mut own);
+        let settings =
+            FileSettings { origin: origin.clone(), bake: self.settings, methods: Vec::new(), build: Build::default() };
+        let mut writer = SectionWriter::begin(path, settings.key(&[]))?;
+        writer.start_over()?;
+        writer.put(Kind::Origin, &Head { origin: settings.origin.clone(), settings: settings.kept() })?;
+        writer.put(Kind::Scene, &StoredScene::from(&own.scene))?;
+        writer.put(Kind::Patches, &*own.mesh)?;
+        let FormFactors { element_rows, sky_factor, .. } = &own.form_factors;
+        match element_rows {
+            Some(rows) => {
+                let (rows, sky_factor) = (HitCounts::clone(rows), sky_factor.clone());
+                let Self { density, direct, bounces, .. } = own;
+                writer.put(Kind::ElementRows, &StoredRows { rows, sky_factor, density, direct, bounces })?;
+            }
+            None => writer.put(Kind::FormFactors, &StoredFactors::from(&own))?,
+        }
+        let Self { receivers, energy, .. } = own;
+        writer.put(Kind::Receivers, &StoredReceivers { receivers, energy, keys: Vec::new() })?;
+        Ok(writer.finish()?)
+    }
+
     /// Opens a bake of a scene; every section is checked.
     ///
     /// # Errors
@@ -329,12 +385,13 @@ impl Bake {
             Error::from(BakeError::Damaged { path: path.display().to_string(), part: "the tables", offset: 0, reason })
         };
         let head: Head = sections.read(sections.of(Kind::Origin)?)?;
-        let places = [Kind::Scene, Kind::Patches, Kind::FormFactors, Kind::Receivers].map(|kind| sections.of(kind));
-        let [scene, mesh, factors, receivers] = places;
+        let places = [Kind::Scene, Kind::Patches, Kind::Receivers].map(|kind| sections.of(kind));
+        let [scene, mesh, receivers] = places;
         let scene = scene?;
         let mesh = mesh?;
-        let factors = factors?;
         let receivers = receivers?;
+        let rows = sections.all.iter().find(|section| section.kind == Kind::ElementRows).copied();
+        let factors = rows.map_or_else(|| sections.of(Kind::FormFactors), Ok)?;
         let ((scene, operators), (mesh, (factors, receivers))) = rayon::join(
             || {
                 let scene = sections.read::<StoredScene>(scene).map_err(Error::from);
@@ -344,12 +401,16 @@ impl Bake {
             },
             || {
                 let mesh = sections.read::<PatchMesh>(mesh);
-                (mesh, rayon::join(|| sections.read::<StoredFactors>(factors), || sections.read(receivers)))
+                (mesh, rayon::join(|| read_factors(&sections, factors), || sections.read(receivers)))
             },
         );
-        let StoredFactors { form_factors, density, direct, bounces } = factors?;
         let StoredReceivers { receivers, energy, keys } = receivers?;
         let mesh = mesh?;
+        mesh.check(scene.as_ref().map_or(0, |scene| scene.geometry.triangles.len())).map_err(|e| damaged(e.into()))?;
+        let StoredFactors { form_factors, density, direct, bounces } = match factors? {
+            Ok(factors) => factors,
+            Err(rows) => rows.open(&mesh).map_err(damaged)?,
+        };
         let bake = Bake {
             scene: scene?,
             keys: RowKeys::new(head.settings.seed, mesh.elements.len(), keys),
@@ -366,6 +427,14 @@ impl Bake {
         check(&bake).map_err(damaged)?;
         Ok(BakeFile { bake, origin: head.origin, sections: sections.all })
     }
+}
+
+/// Form factors, or the rows of elements that they follow from.
+fn read_factors(sections: &Sections, section: Section) -> Result<Result<StoredFactors, StoredRows>, Error> {
+    Ok(match section.kind {
+        Kind::ElementRows => Err(sections.read(section)?),
+        _ => Ok(sections.read(section)?),
+    })
 }
 
 /// Patches and form factors: those that the file has, or new ones into it.
@@ -422,7 +491,10 @@ fn check(bake: &Bake) -> Result<(), Error> {
     check_length("sky factors", elements, form_factors.sky_factor.len())?;
     check_length("samples", mesh.points.len(), bake.direct.count as usize)?;
     receivers.check(scene.geometry.triangles.len(), elements)?;
-    check_length("keys of receivers", receivers.points.len(), bake.keys.receivers.len())?;
+    // Files for frames have none.
+    if !bake.keys.receivers.is_empty() {
+        check_length("keys of receivers", receivers.points.len(), bake.keys.receivers.len())?;
+    }
     for operator in operators {
         operator.operator.check(patches)?;
     }

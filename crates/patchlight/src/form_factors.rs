@@ -328,7 +328,12 @@ impl FormFactors {
         let fine = ElementRows { scene, mesh, points: &mesh.points, offsets: &mesh.offsets, rays, seed };
         let mut rows = HitCounts::new(elements)?;
         let sky_factor = device.add(&mut rows, None, &fine, report)?;
-        let patch: Vec<u32> = (0..elements as u32).map(|element| mesh.patch_of(element)).collect();
+        Self::of_rows(mesh, rows, sky_factor)
+    }
+
+    /// Form factors of a mesh whose elements have these rows.
+    pub(crate) fn of_rows(mesh: &PatchMesh, rows: HitCounts, sky_factor: Vec<f32>) -> Result<Self, Error> {
+        let patch: Vec<u32> = (0..mesh.elements.len() as u32).map(|element| mesh.patch_of(element)).collect();
         let factors = rows.means(&mesh.patch_elements, &mesh.element_shares(), &patch, mesh.patches.len())?;
         Ok(Self { factors: Arc::new(factors), element_rows: Some(Arc::new(rows)), sky_factor })
     }

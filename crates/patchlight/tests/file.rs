@@ -113,6 +113,38 @@ fn a_bake_from_memory_has_the_bytes_of_one_that_was_written_while_it_was_made() 
 }
 
 #[test]
+fn a_file_for_frames_is_smaller_and_has_the_same_light() {
+    let folder = tempfile::tempdir().unwrap();
+    let [whole, frames] = ["whole.bake", "frames.bake"].map(|name| folder.path().join(name));
+    let settings = settings(1);
+    let scene = assets::load_or_build("cornell").unwrap().scene;
+    let bake = Bake::build(&scene, &settings.bake, &Silent).unwrap();
+    bake.save(&whole, &settings.origin).unwrap();
+    bake.save_for_frames(&frames, &settings.origin).unwrap();
+    let bytes = |path: &Path| std::fs::metadata(path).unwrap().len();
+    assert!(10 * bytes(&frames) < 9 * bytes(&whole), "{} {}", bytes(&frames), bytes(&whole));
+    let file = Bake::open(&frames).unwrap();
+    assert_eq!((&file.origin, file.bake.settings()), (&settings.origin, &settings.bake));
+    let kept = Arc::new(file.bake);
+    // Form factors are made of the same rows.
+    let factors = |bake: &Bake| (bake.form_factors().factors.clone(), bake.form_factors().element_rows.clone());
+    assert_eq!(factors(&kept), factors(&bake));
+    let bake = Arc::new(bake);
+    let [exact, near] = [&bake, &kept].map(|bake| light(bake, MethodSettings::Classic, &Silent));
+    let sum: f32 = exact.iter().map(|value| value.element_sum()).sum();
+    let error: f32 = exact.iter().zip(&near).map(|(a, b)| (*a - *b).abs().element_sum()).sum();
+    assert!(sum > 0.0 && error > 0.0 && error < 1e-3 * sum, "{error} of {sum}");
+    // Edits make it anew.
+    let edited = kept.edit(&scene, &Silent).unwrap();
+    assert_eq!(edited.bake.mesh().patches.len(), bake.mesh().patches.len());
+    let mut cut = std::fs::read(&frames).unwrap();
+    let middle = cut.len() / 2;
+    cut[middle] ^= 1;
+    let error = Bake::from_bytes("cut", cut).err().unwrap().to_string();
+    assert!(error.contains("checksum"), "{error}");
+}
+
+#[test]
 fn interruptions_change_no_byte() {
     let folder = tempfile::tempdir().unwrap();
     let whole = folder.path().join("whole.bake");

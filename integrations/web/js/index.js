@@ -85,6 +85,19 @@ async function bytesOf(response, url, onProgress) {
   return bytes;
 }
 
+/** Bytes as they are, or unpacked: a file of gzip begins with 1f 8b. */
+async function unpacked(bytes, name) {
+  if (bytes[0] !== 0x1f || bytes[1] !== 0x8b) {
+    return bytes;
+  }
+  try {
+    const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("gzip"));
+    return new Uint8Array(await new Response(stream).arrayBuffer());
+  } catch (error) {
+    throw new Error(`${name}: cannot be unpacked: ${error.message}`);
+  }
+}
+
 /** The light of a bake. */
 export class Patchlight {
   #field;
@@ -95,13 +108,14 @@ export class Patchlight {
     this.#memory = memory;
   }
 
-  /** Loads a bake: a URL, or its bytes. */
+  /** Loads a bake: a URL, or its bytes; packed by gzip or not. */
   static async load(source, { method = "classic", module, onProgress } = {}) {
     const { memory } = await load(module);
     const isBytes = source instanceof Uint8Array || source instanceof ArrayBuffer;
-    const bytes = isBytes ? new Uint8Array(source) : await bytesOf(await fetch(source), source, onProgress);
     const name = isBytes ? "the bake" : String(source);
-    return new Patchlight(failing(() => new LightField(name, bytes, method)), memory);
+    const bytes = isBytes ? new Uint8Array(source) : await bytesOf(await fetch(source), source, onProgress);
+    const bake = await unpacked(bytes, name);
+    return new Patchlight(failing(() => new LightField(name, bake, method)), memory);
   }
 
   /** Triangles, patches, receivers, and interpolation points of the surfaces. */

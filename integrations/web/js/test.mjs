@@ -3,6 +3,7 @@
 import assert from "node:assert/strict";
 import { readFile } from "node:fs/promises";
 import test from "node:test";
+import { gzipSync } from "node:zlib";
 
 import { Patchlight } from "../package/index.js";
 
@@ -31,6 +32,15 @@ test("light has the bits of the native program", async () => {
   assert.deepEqual(bits(light.lightmap({ part: "full" })), await native("lightmap.f32"));
   assert.equal(light.lightmapUvs().length, 6 * light.counts.triangles);
   light.free();
+});
+
+test("bakes come packed", async () => {
+  const packed = gzipSync(bake);
+  const light = await Patchlight.load(packed, { module });
+  light.update();
+  assert.deepEqual(bits(light.surface()), await native("own.f32"));
+  light.free();
+  await assert.rejects(Patchlight.load(packed.subarray(0, packed.length / 2), { module }), /the bake: cannot be unpacked/);
 });
 
 test("light is a sum of what its lights give", async () => {

@@ -38,11 +38,21 @@ pub enum Kind {
     Operator,
     /// Nothing: the file is whole.
     End,
+    /// Form factors of elements alone, of which those of patches are made again.
+    ElementRows,
 }
 
 impl Kind {
-    const ALL: [Self; 7] =
-        [Self::Origin, Self::Scene, Self::Patches, Self::FormFactors, Self::Receivers, Self::Operator, Self::End];
+    const ALL: [Self; 8] = [
+        Self::Origin,
+        Self::Scene,
+        Self::Patches,
+        Self::FormFactors,
+        Self::Receivers,
+        Self::Operator,
+        Self::End,
+        Self::ElementRows,
+    ];
 
     /// Its name in messages.
     pub fn name(self) -> &'static str {
@@ -54,6 +64,7 @@ impl Kind {
             Self::Receivers => "receivers",
             Self::Operator => "operator",
             Self::End => "end",
+            Self::ElementRows => "form factors of elements",
         }
     }
 }
