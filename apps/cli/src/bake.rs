@@ -38,7 +38,7 @@ use shell::progress::{Progress, continue_in, interruptible};
     patchlight bake sponza.toml --patch-count 10000 -o sponza.bake\n  \
     patchlight bake office --for low_rank,feedback,temporal -o office.bake\n  \
     patchlight bake office --for multibounce --codec bc6h -o office.bake\n  \
-    patchlight bake atrium --for-frames -o atrium.bake && gzip -9 atrium.bake     for a page: docs of integrations/web\n  \
+    patchlight bake atrium --for-frames -o atrium.bake && gzip -9 atrium.bake     for a page\n  \
     patchlight bake sponza.toml --plan 8 --format slurm -o sponza.bake     the jobs of a farm: sbatch sponza.sbatch\n  \
     patchlight render office.bake --method temporal --frames 60 --animate sun\n  \
     patchlight info office.bake\n\n\

@@ -20,7 +20,7 @@
 //! | 4 | form factors | [`FormFactors`], density, how direct light is measured, bounces |
 //! | 5 | receivers | [`MeshReceivers`], what the bake says of its errors ([`EnergyCheck`]), keys of the rows' random numbers |
 //! | 6 | operator | a [`BakedOperator`]; one each |
-//! | 8 | form factors of elements | in place of kind 4, in files for frames ([`Bake::save_for_frames`]): those of patches are means |
+//! | 8 | form factors of elements | in place of 4, for frames ([`Bake::save_for_frames`]) |
 //!
 //! Version 1 are worlds, whose format is that of `localmatrix`.
 

@@ -31,7 +31,7 @@ use crate::bake::{Bake, ReceiverKind, direct_params};
 use crate::error::{Error, Reason};
 use crate::light::LightField;
 
-pub use lightmap::LiveLightmap;
+pub use lightmap::{LightmapRow, LiveLightmap};
 pub use live::LiveProbes;
 pub use planes::{CalculationPlane, PlaneKind, PlaneLight};
 pub use probes::ProbeVolume;

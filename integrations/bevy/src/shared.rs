@@ -6,6 +6,7 @@ use bevy::asset::AssetId;
 use bevy::ecs::prelude::*;
 use bevy::image::Image;
 use patchlight::glam::Vec3;
+use patchlight::outputs::LightmapRow;
 use patchlight::{Bake, LightSettings, Lighting, Point};
 
 use crate::work::Move;
@@ -17,8 +18,8 @@ pub(crate) struct Layout {
     pub shown: Vec<u32>,
 }
 
-/// Points from which a receiver takes light, and their weights.
-pub(crate) type Row = ([u32; 3], [f32; 3]);
+/// Points from which a receiver takes light, and their weights: of a lightmap, or one point alone.
+pub(crate) type Row = LightmapRow;
 
 /// A bake for a light field on Bevy's device.
 pub(crate) struct DeviceBake {

@@ -38,12 +38,12 @@ pub struct LiveLightmap {
     /// The receiver of each texel.
     shown: Vec<u32>,
     bake: Weak<Bake>,
-    rows: Vec<Row>,
+    rows: Vec<LightmapRow>,
     surroundings: Surroundings,
 }
 
-/// Interpolation points of a bake and their weights.
-type Row = ([u32; 3], [f32; 3]);
+/// Interpolation points of a bake from which a receiver takes its light, and their weights.
+pub type LightmapRow = ([u32; 3], [f32; 3]);
 
 impl LiveLightmap {
     /// Lays out the sides of a scene to which light comes, with square texels of `texel` m.
@@ -183,7 +183,7 @@ impl LiveLightmap {
             LightPart::Indirect => vec![Vec3::ZERO; self.texels.points().len()],
             _ => self.surroundings(bake, lighting)?,
         };
-        let sum = |(points, weights): &Row| -> Vec3 {
+        let sum = |(points, weights): &LightmapRow| -> Vec3 {
             let of = |(&k, &weight): (&u32, &f32)| surface.get(k as usize).map_or(Vec3::ZERO, |own| *own * weight);
             points.iter().zip(weights).map(of).sum()
         };
@@ -203,7 +203,7 @@ impl LiveLightmap {
     ///
     /// # Errors
     /// [`Unsupported`](crate::ErrorKind::Unsupported) unless receivers are on the mesh.
-    pub fn rows(&mut self, bake: &Arc<Bake>) -> Result<&[([u32; 3], [f32; 3])], Error> {
+    pub fn rows(&mut self, bake: &Arc<Bake>) -> Result<&[LightmapRow], Error> {
         self.take(bake)?;
         Ok(&self.rows)
     }
@@ -249,7 +249,7 @@ fn check(bake: &Bake) -> Result<(), Error> {
 }
 
 /// The interpolation points of a bake about a point on its surface, where light comes to them.
-fn row(bake: &Bake, point: &SurfacePoint) -> Option<Row> {
+fn row(bake: &Bake, point: &SurfacePoint) -> Option<LightmapRow> {
     let mesh = &bake.receivers.interpolation;
     let scene = &bake.scene;
     LIFTS.iter().find_map(|lift| {
