@@ -150,6 +150,38 @@ fn a_floor_that_sees_the_sky_alone_has_a_live_lightmap() {
 }
 
 #[test]
+fn a_floor_is_not_dark_under_what_stands_on_it() {
+    let square = |height: f32, half: f32| {
+        [(-1.0, -1.0), (-1.0, 1.0), (1.0, 1.0), (1.0, -1.0)].map(|(x, z)| Vec3::new(x * half, height, z * half))
+    };
+    let [floor, low, high] = [square(0.0, 1.0), square(0.0, 0.3), square(0.6, 0.3)];
+    let block = [low, high].concat();
+    let sides = [1, 5, 0, 0, 5, 4, 2, 6, 1, 1, 6, 5, 3, 7, 2, 2, 7, 6, 0, 4, 3, 3, 4, 7, 4, 5, 6, 4, 6, 7];
+    let mut builder = Scene::builder();
+    builder.add_mesh(Mesh { positions: &floor, indices: &[0, 1, 2, 0, 2, 3], ..Mesh::default() });
+    builder.add_mesh(Mesh { positions: &block, indices: &sides, ..Mesh::default() });
+    builder.set_sky(Radiance(Vec3::ONE));
+    let scene = builder.build().unwrap();
+    let bake = Arc::new(Bake::build(&scene, &BakeSettings::default().with_patch_count(100), &Silent).unwrap());
+    let corners = |t: &Triangle| [t.corner, t.corner + t.edge_a, t.corner + t.edge_b];
+    let triangles: Vec<[Vec3; 3]> = scene.geometry.triangles.iter().map(corners).collect();
+    let mut lightmap = LiveLightmap::over(&bake, &triangles, 0.05).unwrap();
+    let light = lightmap.surroundings(&bake, &scene.lighting).unwrap();
+    let is_floor = |point: &SurfacePoint| point.normal.y > 0.9 && point.position.y < 0.01;
+    let points = lightmap.texels().points().iter();
+    let (inside, others): (Vec<_>, Vec<_>) = points
+        .zip(&light)
+        .filter(|(point, _)| is_floor(point))
+        .partition(|(point, _)| point.position.x.abs().max(point.position.z.abs()) < 0.28);
+    // Texels there show the light of the nearest beside.
+    assert!(inside.is_empty() && others.len() > 500, "{} {}", inside.len(), others.len());
+    // Beside the block, half of the sky is seen, or more.
+    let half = std::f32::consts::FRAC_PI_2;
+    let dark = others.iter().filter(|(_, light)| light.x <= 0.8 * half).map(|(p, l)| (p.position, l.x));
+    assert_eq!(dark.collect::<Vec<_>>(), []);
+}
+
+#[test]
 fn the_parts_of_the_light_add_up() {
     let (mut renderer, bake) = lit(ReceiverKind::Mesh);
     let mut lightmap = LiveLightmap::new(&procedural::build("cornell").unwrap().scene, 0.1).unwrap();

@@ -140,6 +140,32 @@ export class Patchlight {
     });
   }
 
+  /** Paints a material with a reflectance, 0 to 0.95, from the next update on; with none as the bake has it. */
+  paint(material, reflectance = []) {
+    failing(() => this.#field.paint(material, Float32Array.from(reflectance)));
+  }
+
+  /** Adds a closed mesh that moves: corners of triangles, nine numbers each, a material, a column-major matrix; its number. */
+  addObject(corners, material, place) {
+    return failing(() => this.#field.add_object(Float32Array.from(corners), material, Float32Array.from(place)));
+  }
+
+  /** Moves it, from the next update on. */
+  moveObject(object, place) {
+    failing(() => this.#field.move_object(object, Float32Array.from(place)));
+  }
+
+  /** Removes it. */
+  removeObject(object) {
+    failing(() => this.#field.remove_object(object));
+  }
+
+  /** The bake's own estimate of its error, a share of its light, and the standard error of that. */
+  get error() {
+    const [error, standardError] = this.#field.error();
+    return error === undefined ? undefined : { error, standardError };
+  }
+
   /** Indirect irradiance at the interpolation points, W/m²: RGB. Valid until the next table is asked for. */
   surface() {
     return this.#table(() => this.#field.surface());
@@ -155,9 +181,15 @@ export class Patchlight {
     return this.#table(() => this.#field.triangles()).slice();
   }
 
-  /** Makes a lightmap with texels of this size, m, on triangles of nine numbers each; on the bake's own for none. */
-  makeLightmap(texel, triangles = []) {
+  /**
+   * Makes a lightmap with texels of this size, m, on triangles of nine numbers each; on the bake's own for none. `rays` go from each
+   * texel to each material that shines, and to the sky, once.
+   */
+  makeLightmap(texel, triangles = [], { rays } = {}) {
     const [width, height] = failing(() => this.#field.make_lightmap(texel, Float32Array.from(triangles)));
+    if (rays !== undefined) {
+      failing(() => this.#field.set_rays(rays));
+    }
     return { width, height };
   }
 

@@ -65,6 +65,41 @@ test("points in the air are lit", async () => {
   light.free();
 });
 
+test("walls are painted, and what moves hides light", async () => {
+  const light = await Patchlight.load(bake, { module });
+  light.update({ lights: [lamp] });
+  const own = sum(light.surface());
+  for (let material = 0; material < 3; material++) {
+    light.paint(material, [0.05, 0.05, 0.05]);
+  }
+  light.update();
+  const dark = sum(light.surface());
+  assert.ok(dark > 0 && dark < 0.2 * own, `${dark} of ${own}`);
+  for (let material = 0; material < 3; material++) {
+    light.paint(material);
+  }
+  light.update();
+  assert.ok(Math.abs(sum(light.surface()) / own - 1) < 1e-5);
+  // A plate below the lamp, and then far beside the box.
+  const [a, b, c, d] = [[0, 0, 0], [0.3, 0, 0], [0, 0, 0.3], [0.1, 0.02, 0.1]];
+  const corners = [a, b, c, a, d, b, a, c, d, b, d, c].flat();
+  const at = (x, y, z) => [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, x, y, z, 1];
+  const plate = light.addObject(corners, 0, at(0.15, 0.3, 0.15));
+  light.update();
+  const hidden = sum(light.surface());
+  assert.ok(hidden > 0 && Math.abs(hidden / own - 1) > 0.02, `${hidden} ${own}`);
+  light.moveObject(plate, at(50, 0, 0));
+  light.update();
+  assert.ok(Math.abs(sum(light.surface()) / own - 1) < 1e-3);
+  light.removeObject(plate);
+  assert.throws(() => light.moveObject(plate, at(0, 0, 0)), /no object 0/);
+  assert.throws(() => light.addObject(corners, 0, [1, 2]), /16 numbers/);
+  assert.throws(() => light.addObject(corners, 99, at(0, 0, 0)), /material/);
+  assert.throws(() => light.paint(99, [0, 0, 0]), /material 99 of/);
+  assert.ok(Math.abs(light.error.error) < 0.1 && light.error.standardError > 0);
+  light.free();
+});
+
 test("what is wrong is said, and nothing is lost by it", async () => {
   const cut = bake.slice(0, bake.length / 2);
   await assert.rejects(Patchlight.load(cut, { module }), /the bake/);

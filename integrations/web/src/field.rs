@@ -2,12 +2,15 @@
 
 use std::sync::Arc;
 
-use patchlight::glam::{Vec2, Vec3};
+use patchlight::glam::{Affine3A, Vec2, Vec3};
 use patchlight::method::{FeedbackSettings, TemporalSettings};
 use patchlight::outputs::{LightPart, LiveLightmap};
 use patchlight::scene::Sky;
 use patchlight::scene::gpu::Triangle;
-use patchlight::{Bake, Codec, Cpu, LightSettings, Lighting, MethodSettings, Point, PointKind, PointSet, Silent};
+use patchlight::{
+    Bake, Codec, Cpu, LightSettings, Lighting, MaterialId, Mesh, MethodSettings, ObjectId, Point, PointKind, PointSet,
+    Silent,
+};
 use wasm_bindgen::prelude::*;
 
 use crate::lights::lights;
@@ -26,6 +29,9 @@ pub struct LightField {
     corners: Vec<[Vec3; 3]>,
     table: Vec<f32>,
     sets: Vec<Option<PointSet>>,
+    objects: Vec<Option<ObjectId>>,
+    /// Reflectance that materials were given.
+    paint: Vec<Option<Vec3>>,
 }
 
 /// A table of numbers in the memory of the module.
@@ -85,6 +91,70 @@ impl LightField {
         Ok(())
     }
 
+    /// Paints a material with a reflectance, 0 to 0.95, all over; with no numbers as the bake has it. By the methods "classic",
+    /// "feedback" and "temporal".
+    ///
+    /// # Errors
+    /// A material that is not there; numbers that are no colour; another method.
+    pub fn paint(&mut self, material: usize, reflectance: &[f32]) -> Result<(), String> {
+        let mut paint = self.paint.clone();
+        paint.resize(self.field.bake().scene().geometry.materials.len(), None);
+        let count = paint.len();
+        let place = paint.get_mut(material).ok_or_else(|| format!("material {material} of {count}"))?;
+        *place = match *reflectance {
+            [] => None,
+            [red, green, blue] => Some(Vec3::new(red, green, blue)),
+            _ => return Err(format!("a color has 3 numbers, not {}", reflectance.len())),
+        };
+        self.field.set_albedo(&paint).map_err(text)?;
+        self.paint = paint;
+        Ok(())
+    }
+
+    /// Adds a closed mesh that moves, of a few hundred triangles whose corners these are, nine numbers each, at a place: a
+    /// column-major matrix of 16 numbers. Its number.
+    ///
+    /// # Errors
+    /// Numbers that are no mesh, no place, or flatten; a material that is not there.
+    pub fn add_object(&mut self, corners: &[f32], material: usize, place: &[f32]) -> Result<usize, String> {
+        if !corners.len().is_multiple_of(9) {
+            return Err(format!("{} numbers are no triangles, of nine each", corners.len()));
+        }
+        let positions: Vec<Vec3> = corners.chunks_exact(3).map(Vec3::from_slice).collect();
+        let indices: Vec<u32> = (0..positions.len() as u32).collect();
+        let material = MaterialId::of_scene(material);
+        let mesh = Mesh { name: "object", positions: &positions, indices: &indices, material, ..Mesh::default() };
+        let object = self.field.objects().insert(&mesh, affine(place)?).map_err(text)?;
+        self.objects.push(Some(object));
+        Ok(self.objects.len() - 1)
+    }
+
+    /// Moves an object, from the next update on.
+    ///
+    /// # Errors
+    /// An object that is not there; numbers that are no place, or flatten.
+    pub fn move_object(&mut self, object: usize, place: &[f32]) -> Result<(), String> {
+        let own = self.object(object)?;
+        self.field.objects().set_transform(own, affine(place)?).map(drop).map_err(text)
+    }
+
+    /// Removes an object.
+    ///
+    /// # Errors
+    /// An object that is not there.
+    pub fn remove_object(&mut self, object: usize) -> Result<(), String> {
+        let own = self.object(object)?;
+        self.objects[object] = None;
+        self.field.objects().remove(own).map_err(text)
+    }
+
+    /// The bake's own estimate of its error: mean of its indirect light over that of rays, less 1, and the standard error of
+    /// that; none where it knows nothing.
+    pub fn error(&self) -> Vec<f64> {
+        let near = self.field.bake().energy().and_then(|energy| energy.near);
+        near.map_or(Vec::new(), |near| vec![near.ratio - 1.0, near.standard_error])
+    }
+
     /// Finds the light; the number of the update.
     ///
     /// # Errors
@@ -132,6 +202,15 @@ impl LightField {
         let (width, height) = made.size();
         self.lightmap = Some(made);
         Ok(vec![width, height])
+    }
+
+    /// Rays from each texel of the lightmap to each material that shines, and to the sky; traced anew.
+    ///
+    /// # Errors
+    /// No lightmap was made.
+    pub fn set_rays(&mut self, rays: u32) -> Result<(), String> {
+        self.lightmap.as_mut().ok_or("no lightmap was made")?.set_rays(rays);
+        Ok(())
     }
 
     /// Irradiance in the texels of the lightmap, W/m², row by row: RGB. "indirect", "full", or "without_lights": all but the
@@ -241,7 +320,16 @@ impl LightField {
         let lighting = bake.scene().lighting.clone();
         let settings = LightSettings::default().with_method(method);
         let field = patchlight::LightField::new(bake, Box::new(Cpu::new()), &settings, &Silent).map_err(text)?;
-        Ok(Self { field, lighting, lightmap: None, corners: Vec::new(), table: Vec::new(), sets: Vec::new() })
+        Ok(Self {
+            field,
+            lighting,
+            lightmap: None,
+            corners: Vec::new(),
+            table: Vec::new(),
+            sets: Vec::new(),
+            objects: Vec::new(),
+            paint: Vec::new(),
+        })
     }
 
     fn own_corners(&self) -> Vec<[Vec3; 3]> {
@@ -251,6 +339,10 @@ impl LightField {
 
     fn set(&self, set: usize) -> Result<PointSet, String> {
         self.sets.get(set).copied().flatten().ok_or_else(|| format!("there is no point set {set}"))
+    }
+
+    fn object(&self, object: usize) -> Result<ObjectId, String> {
+        self.objects.get(object).copied().flatten().ok_or_else(|| format!("there is no object {object}"))
     }
 
     /// Keeps values as the table that a page reads.
@@ -277,6 +369,14 @@ pub(crate) fn radiance(red: f32, green: f32, blue: f32) -> Result<Vec3, String> 
     } else {
         Err(format!("radiance is {radiance}; it is three numbers, none negative"))
     }
+}
+
+/// A place by a column-major matrix.
+fn affine(numbers: &[f32]) -> Result<Affine3A, String> {
+    let [x0, x1, x2, _, y0, y1, y2, _, z0, z1, z2, _, w0, w1, w2, _] = *numbers else {
+        return Err(format!("a place is a matrix of 16 numbers, not of {}", numbers.len()));
+    };
+    Ok(Affine3A::from_cols_array(&[x0, x1, x2, y0, y1, y2, z0, z1, z2, w0, w1, w2]))
 }
 
 pub(crate) fn text(error: patchlight::Error) -> String {

@@ -7,7 +7,8 @@ use glam::{Vec2, Vec3};
 use patches::LightmapTexels;
 use rayon::prelude::*;
 use scene::gpu::{Triangle, TriangleUv};
-use scene::sampling::{hammersley, hash3, uniform_triangle};
+use scene::kernel::bvh::FAR;
+use scene::sampling::{cosine_hemisphere, hammersley, hash3, uniform_triangle};
 use scene::{
     Lighting, Material, NONE, POINT_WALKS, ReceiverSet as _, Scene, SceneParts, SidePolicy, Sides, SurfacePoint,
     find_sides, is_open,
@@ -23,6 +24,8 @@ use crate::light::LightField;
 const LIFTS: [f32; 3] = [2.0, 16.0, 128.0];
 /// Places of a triangle that tell which side of it has light.
 const SIDE_SAMPLES: u32 = 16;
+/// Rays that find out whether a texel is inside of something.
+const LOOKS: u32 = 8;
 /// Rays from a texel to each material that shines, and to the sky.
 const RAYS: u32 = 64;
 
@@ -60,11 +63,7 @@ impl LiveLightmap {
     /// # Errors
     /// As [`Self::new`]; a wrong number of sides.
     pub fn of_sides(scene: &Scene, sides: &[Sides], texel: f32) -> Result<Self, Error> {
-        let is_lit = |point: &SurfacePoint| {
-            let [x, y, z] = point.position.to_array().map(f32::to_bits);
-            is_open(scene, point, POINT_WALKS, hash3(x, y, z))
-        };
-        Self::laid_out(scene, sides, texel, &is_lit)
+        Self::laid_out(scene, sides, texel, &|point| is_open_point(scene, point))
     }
 
     /// Lays out triangles, the corners of each in m, counter-clockwise from the front, on the surfaces of a bake: for
@@ -100,7 +99,8 @@ impl LiveLightmap {
         };
         let side = |triangle| Sides { front: true, back: !is_lit(triangle) };
         let sides: Vec<Sides> = (0..triangles.len() as u32).into_par_iter().map(side).collect();
-        Self::laid_out(&scene, &sides, texel, &|point| row(bake, point).is_some())
+        let is_lit = |point: &SurfacePoint| row(bake, point).is_some() && !is_inside(&bake.scene, point);
+        Self::laid_out(&scene, &sides, texel, &is_lit)
     }
 
     fn laid_out(
@@ -239,6 +239,24 @@ impl LiveLightmap {
         self.bake = Arc::downgrade(bake);
         Ok(())
     }
+}
+
+fn is_open_point(scene: &Scene, point: &SurfacePoint) -> bool {
+    let [x, y, z] = point.position.to_array().map(f32::to_bits);
+    is_open(scene, point, POINT_WALKS, hash3(x, y, z))
+}
+
+/// True in what is closed and stands on a surface, where an interpolation mesh may still have light: only backs are
+/// seen, and walks find no light.
+fn is_inside(scene: &Scene, point: &SurfacePoint) -> bool {
+    let tables = scene.tables();
+    let origin = point.position + point.normal * scene.geometry.ray_offset;
+    let sees_back = |k: u32| {
+        let direction = cosine_hemisphere(point.normal, hammersley(k, LOOKS, (0, 0)));
+        let hit = scene.closest_before(origin, direction, FAR);
+        !hit.is_miss() && tables.normal(hit.triangle).dot(direction) > 0.0
+    };
+    (0..LOOKS).all(sees_back) && !is_open_point(scene, point)
 }
 
 fn check(bake: &Bake) -> Result<(), Error> {
