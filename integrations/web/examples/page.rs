@@ -48,7 +48,7 @@ fn scenes() -> [Shown; 3] {
     let dark = Shown {
         name: "",
         bake: (300, 512, 128, 0.15),
-        texel: (0.01, 32),
+        texel: (0.008, 24),
         sun: None,
         sky: Vec3::ZERO,
         lamps: &[],
@@ -66,7 +66,7 @@ fn scenes() -> [Shown; 3] {
         },
         Shown {
             name: "atrium",
-            bake: (1500, 1024, 128, 0.2),
+            bake: (1500, 1024, 128, 0.27),
             texel: (0.16, 32),
             sun: Some((Vec3::new(0.3, -1.0, 0.38), Vec3::new(30.0, 28.0, 25.0))),
             sky: Vec3::new(1.2, 1.6, 2.4),

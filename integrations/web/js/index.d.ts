@@ -13,10 +13,10 @@ export type Light =
   /** `radiance`, W/m²/sr, to the side of edgeA × edgeB. */
   | { kind: "rectangle"; corner: Vector; edgeA: Vector; edgeB: Vector; radiance: Rgb };
 
-/** How light goes between patches. */
 /** What was reflected; that and all direct light; or all but the direct light of lights, for programs that light by lights only. */
 export type LightPart = "indirect" | "full" | "without_lights";
 
+/** How light goes between patches. */
 export type Method = "classic" | "low_rank" | "multibounce" | "feedback" | "temporal";
 
 export interface LoadOptions {
@@ -29,19 +29,28 @@ export interface LoadOptions {
 
 /** The light of a bake on the CPU. */
 export class Patchlight {
-  /** Loads a bake: a URL, or its bytes. */
+  /** Loads a bake: a URL, or its bytes; packed by gzip or not. */
   static load(source: string | URL | Uint8Array | ArrayBuffer, options?: LoadOptions): Promise<Patchlight>;
   readonly counts: { triangles: number; patches: number; receivers: number; points: number };
   /** Finds the light; the number of the update. What is left out stays as it is; emission by the material's number, W/m²/sr. */
   update(change?: { lights?: readonly Light[]; sky?: Rgb; emission?: Readonly<Record<number, Rgb>> }): number;
+  /** Paints a material with a reflectance, 0 to 0.95, from the next update on; with none as the bake has it. Not by "low_rank" and "multibounce". */
+  paint(material: number, reflectance?: Rgb): void;
+  /** Adds a closed mesh that moves, of a few hundred triangles: nine numbers each, a material, a column-major matrix; its number. */
+  addObject(corners: ArrayLike<number>, material: number, place: ArrayLike<number>): number;
+  /** Moves it, from the next update on. */
+  moveObject(object: number, place: ArrayLike<number>): void;
+  removeObject(object: number): void;
+  /** The bake's own estimate of its error, a share of its light, and the standard error of that. */
+  readonly error: { error: number; standardError: number } | undefined;
   /** Indirect irradiance at the interpolation points, W/m²: RGB. Valid until the next table is asked for. */
   surface(): Float32Array;
   /** Positions of the interpolation points, m. */
   surfacePoints(): Float32Array;
   /** Corners of the bake's triangles, m: nine numbers each. */
   triangles(): Float32Array;
-  /** Makes a lightmap with texels of this size, m, on triangles of nine numbers each; on the bake's own for none. */
-  makeLightmap(texel: number, triangles?: ArrayLike<number>): { width: number; height: number };
+  /** Makes a lightmap with texels of this size, m, on triangles of nine numbers each, on the bake's own for none; so many rays from each texel to what shines. */
+  makeLightmap(texel: number, triangles?: ArrayLike<number>, options?: { rays?: number }): { width: number; height: number };
   /** Irradiance in its texels, W/m², row by row: RGB of a part. Valid until the next table is asked for. */
   lightmap(options?: { part?: LightPart }): Float32Array;
   /** Coordinates of its triangles' corners in it, six numbers each; NaN for triangles without light. */

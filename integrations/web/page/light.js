@@ -1,12 +1,17 @@
 // The light of a scene, beside the page: a worker that loads bakes, and makes texels of half floats under the lights of now.
 
-import { Patchlight } from "./patchlight/index.js";
+import { Patchlight } from "../package/index.js";
 
 let light;
 let bytes;
 let scene;
 let door;
 let probe;
+/** What was asked for last. */
+let asked;
+
+/** Answers, with the scene's number. */
+const answer = (data, moved = []) => postMessage({ id: scene?.id, ...data }, moved);
 
 const float = new Float32Array(1);
 const word = new Uint32Array(float.buffer);
@@ -24,7 +29,7 @@ function half(x) {
 
 /** The module, packed: any server sends it so. */
 async function unpackedModule() {
-  const packed = await fetch("patchlight/patchlight_bg.wasm.gz");
+  const packed = await fetch("patchlight_bg.wasm.gz");
   const headers = { "content-type": "application/wasm" };
   return new Response(packed.body.pipeThrough(new DecompressionStream("gzip")), { headers });
 }
@@ -39,9 +44,9 @@ async function load(method) {
   if (scene.probe) {
     probe = light.addPoints(scene.probe, [0, 1, 0], "cube");
   }
-  door = undefined;
+  door = asked = undefined;
   const { counts, error } = light;
-  postMessage({ kind: "ready", width, height, uvs: light.lightmapUvs(), counts, error });
+  answer({ kind: "ready", width, height, uvs: light.lightmapUvs(), counts, error });
 }
 
 async function fetched(url) {
@@ -59,13 +64,16 @@ async function fetched(url) {
     }
     parts.push(value);
     done += value.length;
-    postMessage({ kind: "progress", share: total ? done / total : 0 });
+    answer({ kind: "progress", share: total ? done / total : 0 });
   }
 }
 
 /** Light under the lights, the paint and the door of now. */
 function update({ change, paint, place }) {
   const start = performance.now();
+  const question = JSON.stringify([change, paint, place]);
+  const isNew = question !== asked;
+  asked = question;
   for (const [material, color] of paint) {
     light.paint(material, color);
   }
@@ -85,7 +93,7 @@ function update({ change, paint, place }) {
     texels[to + 3] = 0x3c00;
   }
   const air = probe === undefined ? undefined : light.points(probe).slice();
-  postMessage({ kind: "light", texels, air, milliseconds, all: performance.now() - start }, [texels.buffer]);
+  answer({ kind: "light", texels, air, milliseconds: isNew ? milliseconds : undefined }, [texels.buffer]);
 }
 
 async function hear({ kind, ...data }) {
@@ -104,5 +112,5 @@ async function hear({ kind, ...data }) {
 // One after the other: loading waits.
 let turn = Promise.resolve();
 onmessage = ({ data }) => {
-  turn = turn.then(() => hear(data)).catch((error) => postMessage({ kind: "error", message: error.message }));
+  turn = turn.then(() => hear(data)).catch((error) => answer({ kind: "error", message: error.message }));
 };

@@ -1,7 +1,7 @@
 // The page: scenes with lightmaps that a worker finds, and what one can do to their light.
 
 import * as THREE from "three";
-import { OrbitControls } from "three/addons/OrbitControls.js";
+import { OrbitControls } from "three/addons/controls/OrbitControls.js";
 
 /** Rows below the lightmap that stay dark, for triangles without light. */
 const DARK_ROWS = 2;
@@ -34,6 +34,8 @@ const door = { angle: 0, wanted: 0 };
 const worker = new Worker("light.js", { type: "module" });
 let isBusy = false;
 let isDue = false;
+/** Scenes so far: answers for another are not heard. */
+let scenes = 0;
 
 const say = (text) => ($("#state").textContent = text);
 
@@ -136,6 +138,8 @@ function makeDoor() {
 }
 
 async function open(name) {
+  const id = ++scenes;
+  isBusy = true;
   root.dataset.state = "loading";
   say("Loading");
   document.querySelectorAll("nav button").forEach((button) => button.setAttribute("aria-pressed", button.dataset.scene === name));
@@ -144,6 +148,9 @@ async function open(name) {
     fetch(`${folder}${name}.json`).then((response) => response.json()),
     fetch(`${folder}${name}.bin`).then((response) => response.arrayBuffer()),
   ]);
+  if (id !== scenes) {
+    return;
+  }
   now?.meshes.forEach(({ geometry, material }) => [geometry, material, material.map].forEach((own) => own?.dispose()));
   now?.texture?.dispose();
   const { meshes, corners } = meshesOf(new Float32Array(buffer), description, folder);
@@ -164,8 +171,7 @@ async function open(name) {
   const probe = hasDoor ? [DOOR.hinge[0] + 0.75, 1.2, DOOR.hinge[2] + 0.7] : undefined;
   const leafCorners = leaf && Float32Array.from(leaf.geometry.getAttribute("position").array);
   const { texel, rays } = description;
-  const own = { url: new URL(`${folder}${name}.bake.gz`, location.href).href, texel, rays, corners, probe, door: leafCorners };
-  isBusy = true;
+  const own = { id, url: new URL(`${folder}${name}.bake.gz`, location.href).href, texel, rays, corners, probe, door: leafCorners };
   worker.postMessage({ kind: "load", scene: own, method: $("#method").value });
 }
 
@@ -314,6 +320,9 @@ function attach({ width, height, uvs }) {
 
 worker.onerror = (event) => say(event.message ?? "The worker cannot start");
 worker.onmessage = ({ data }) => {
+  if (data.id !== scenes) {
+    return;
+  }
   if (data.kind === "progress") {
     say(`Loading ${Math.round(100 * data.share)} %`);
   } else if (data.kind === "ready") {
@@ -333,11 +342,13 @@ worker.onmessage = ({ data }) => {
       const mean = (channel) => [0, 1, 2, 3, 4, 5].reduce((sum, side) => sum + data.air[3 * side + channel] / 6, 0);
       now.leaf.material.emissive.setRGB(...DOOR.color.map((albedo, channel) => (albedo * mean(channel)) / Math.PI));
     }
-    $("#milliseconds").textContent = `${data.milliseconds.toFixed(1)} ms`;
-    say(`light update ${data.milliseconds.toFixed(1)} ms`);
+    if (data.milliseconds !== undefined) {
+      $("#milliseconds").textContent = `${data.milliseconds.toFixed(1)} ms`;
+      say(`light update ${data.milliseconds.toFixed(1)} ms`);
+      root.dataset.milliseconds = data.milliseconds;
+    }
     root.dataset.state = "lit";
     root.dataset.updates = Number(root.dataset.updates ?? 0) + 1;
-    root.dataset.milliseconds = data.milliseconds;
     root.dataset.firstLight ??= performance.now().toFixed(0);
     isBusy = false;
     if (isDue) {
@@ -507,26 +518,6 @@ const named = () => names.find((name) => location.hash === `#${name}`) ?? names[
 const openNamed = () => open(named()).catch((error) => say(error.message));
 addEventListener("hashchange", openNamed);
 openNamed();
-
-/** The radiance of a picture of this size, row by row from the top, for tests. */
-window.radiance = (width, height) => {
-  const target = new THREE.WebGLRenderTarget(width, height, { type: THREE.FloatType, samples: 4 });
-  const shape = camera.aspect;
-  camera.aspect = width / height;
-  camera.updateProjectionMatrix();
-  renderer.setRenderTarget(target);
-  renderer.render(now.scene, camera);
-  const pixels = new Float32Array(4 * width * height);
-  renderer.readRenderTargetPixels(target, 0, 0, width, height, pixels);
-  renderer.setRenderTarget(null);
-  target.dispose();
-  camera.aspect = shape;
-  camera.updateProjectionMatrix();
-  return Array.from({ length: width * height }, (_, k) => {
-    const at = 4 * ((k % width) + width * (height - 1 - Math.floor(k / width)));
-    return [pixels[at], pixels[at + 1], pixels[at + 2]];
-  });
-};
 
 renderer.setAnimationLoop(() => {
   if (!now) {
