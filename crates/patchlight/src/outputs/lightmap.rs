@@ -24,6 +24,8 @@ use crate::light::LightField;
 const LIFTS: [f32; 3] = [2.0, 16.0, 128.0];
 /// Places of a triangle that tell which side of it has light.
 const SIDE_SAMPLES: u32 = 16;
+/// Cosine between normals of the same surface.
+const PARALLEL: f32 = 0.99;
 /// Rays that find out whether a texel is inside of something.
 const LOOKS: u32 = 8;
 /// Rays from a texel to each material that shines, and to the sky.
@@ -99,7 +101,11 @@ impl LiveLightmap {
         };
         let side = |triangle| Sides { front: true, back: !is_lit(triangle) };
         let sides: Vec<Sides> = (0..triangles.len() as u32).into_par_iter().map(side).collect();
-        let is_lit = |point: &SurfacePoint| row(bake, point).is_some() && !is_inside(&bake.scene, point);
+        let is_lit = |point: &SurfacePoint| match row(bake, point) {
+            Some(_) => !is_inside(&bake.scene, point),
+            // A face so small that the bake found no light there.
+            None => is_of(bake, point) && is_open_point(&bake.scene, point),
+        };
         Self::laid_out(&scene, &sides, texel, &is_lit)
     }
 
@@ -264,6 +270,14 @@ fn check(bake: &Bake) -> Result<(), Error> {
         return Err(Reason::OutputReceivers.into());
     }
     Ok(())
+}
+
+/// True on the surface of a bake.
+fn is_of(bake: &Bake, point: &SurfacePoint) -> bool {
+    let scene = &bake.scene;
+    let lift = LIFTS[0] * scene.geometry.ray_offset;
+    let hit = scene.closest_before(point.position + point.normal * lift, -point.normal, 2.0 * lift);
+    !hit.is_miss() && scene.tables().normal(hit.triangle).dot(point.normal) > PARALLEL
 }
 
 /// The interpolation points of a bake about a point on its surface, where light comes to them.
