@@ -43,3 +43,11 @@ package:
 # The book, into target/book.
 book:
     mdbook build docs/book
+
+# The page of integrations/web in page/dist: the module, its scenes, their bakes.
+web:
+    cd integrations/web && npm ci && npm run page
+
+# That page at a port of this machine.
+web-serve PORT="8000":
+    python3 -m http.server {{PORT}} --bind 127.0.0.1 --directory integrations/web/page/dist

@@ -1,11 +1,10 @@
 //! `native FOLDER`: bakes the Cornell box, and writes the bake and what its light is on this machine; `npm test` compares the
-//! module's with it. Says how long updates take; `npm run bench` sets one thread, and the module's beside.
+//! module's with it.
 
 use std::error::Error;
 use std::fs;
 use std::path::Path;
 use std::sync::Arc;
-use std::time::Instant;
 
 use patchlight::glam::Vec3;
 use patchlight::{
@@ -19,8 +18,6 @@ const LAMP: [f32; 16] = [1.0, 0.09, 0.07, 0.05, 0.25, 0.4, 0.3, 0.0, 0.0, 0.0, 0
 
 /// Pixels of the picture beside which those of a page are put.
 const PICTURE: (u32, u32) = (320, 240);
-/// Updates whose mean time is told.
-const UPDATES: u32 = 60;
 
 fn main() -> Result<(), Box<dyn Error>> {
     let folder = std::env::args().nth(1).ok_or("usage: native FOLDER")?;
@@ -42,14 +39,6 @@ fn main() -> Result<(), Box<dyn Error>> {
     field.lightmap("full")?;
     save(folder, "lightmap.f32", &field)?;
     write_picture(folder, &path)?;
-    let start = Instant::now();
-    for frame in 0..UPDATES {
-        let mut lamp = LAMP;
-        lamp[4] += frame as f32 / 1000.0;
-        field.set_lights(&lamp)?;
-        field.update()?;
-    }
-    println!("native: an update {:.2} ms", start.elapsed().as_secs_f64() * 1e3 / f64::from(UPDATES));
     Ok(())
 }
 

@@ -15,8 +15,8 @@ use patchlight::scene::kernel::shade::encode_srgb;
 use patchlight::scene::kernel::texture::texel;
 use patchlight::scene::{NONE, Sky};
 use patchlight::{
-    Bake, BakeSettings, Cpu, Estimator, Intensity, Irradiance, Light, Lighting, Material, Mesh, Origin, Radiance, Scene,
-    Silent,
+    Bake, BakeSettings, Cpu, Estimator, Intensity, Irradiance, Light, Lighting, Material, Mesh, Origin, Radiance,
+    Scene, Silent,
 };
 use reference::accumulation::Accumulation;
 use reference::path::{PathSettings, PathTracer};
@@ -129,9 +129,10 @@ fn with_surfaces(loaded: &mut LoadedScene) -> Result<(), Box<dyn Error>> {
 }
 
 fn lighting(shown: &Shown) -> Lighting {
-    let lamps = shown.lamps.iter().map(|&place| {
-        Light::spot(Vec3::from(place), Vec3::NEG_Y, (CONE[0], CONE[1]), Intensity(shown.lamp))
-    });
+    let lamps = shown
+        .lamps
+        .iter()
+        .map(|&place| Light::spot(Vec3::from(place), Vec3::NEG_Y, (CONE[0], CONE[1]), Intensity(shown.lamp)));
     let sun = shown.sun.map(|(direction, irradiance)| Light::sun(direction, Irradiance(irradiance)));
     let sky = Sky { radiance: shown.sky, ..Sky::default() };
     Lighting { lights: lamps.chain(sun).collect(), sky, ..Lighting::default() }
@@ -232,8 +233,9 @@ fn write_still(
     PathTracer::new(scene).accumulate(&camera, &mut sums, samples, |_, _| ControlFlow::Continue(()))?;
     let picture = sums.full();
     let pixels = picture.pixels.iter();
-    let bytes: Vec<u8> =
-        pixels.flat_map(|p| neutral(*p * loaded.exposure_stops.exp2()).to_array().map(|x| byte(encode_srgb(x)))).collect();
+    let bytes: Vec<u8> = pixels
+        .flat_map(|p| neutral(*p * loaded.exposure_stops.exp2()).to_array().map(|x| byte(encode_srgb(x))))
+        .collect();
     write_jpeg(&folder.join(format!("{}.jpg", shown.name)), STILL, &bytes)
 }
 

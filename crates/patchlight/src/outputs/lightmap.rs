@@ -24,6 +24,8 @@ use crate::light::LightField;
 const LIFTS: [f32; 3] = [2.0, 16.0, 128.0];
 /// Places of a triangle that tell which side of it has light.
 const SIDE_SAMPLES: u32 = 16;
+/// A point that looks away is as good as one that is three times as far.
+const FACING: f32 = 4.0;
 /// Cosine between normals of the same surface.
 const PARALLEL: f32 = 0.99;
 /// Rays that find out whether a texel is inside of something.
@@ -240,8 +242,13 @@ impl LiveLightmap {
         check(bake)?;
         let rows: Vec<_> = self.texels.points().par_iter().map(|point| row(bake, point)).collect();
         let nearest = spread_receivers(&self.texels, &rows.iter().map(Option::is_some).collect::<Vec<_>>());
-        let row = |&k: &u32| rows.get(k as usize).copied().flatten().unwrap_or_default();
-        self.rows = nearest.iter().map(row).collect();
+        let known = &bake.receivers.interpolation.points;
+        let row = |(&k, own): (&u32, &SurfacePoint)| {
+            let of_chart = rows.get(k as usize).copied().flatten();
+            // A chart of its own on which the bake found no light.
+            of_chart.unwrap_or_else(|| ([nearest_like(known, own); 3], [1.0, 0.0, 0.0]))
+        };
+        self.rows = nearest.par_iter().zip(self.texels.points()).map(row).collect();
         self.bake = Arc::downgrade(bake);
         Ok(())
     }
@@ -270,6 +277,15 @@ fn check(bake: &Bake) -> Result<(), Error> {
         return Err(Reason::OutputReceivers.into());
     }
     Ok(())
+}
+
+/// The point that is near and looks the same way; 0 without any, whose light is none.
+fn nearest_like(points: &[SurfacePoint], own: &SurfacePoint) -> u32 {
+    let cost = |point: &SurfacePoint| {
+        own.position.distance_squared(point.position) * (1.0 + FACING * (1.0 - own.normal.dot(point.normal)))
+    };
+    let costs = (0..).zip(points).map(|(k, point)| (k, cost(point)));
+    costs.min_by(|a: &(u32, f32), b| a.1.total_cmp(&b.1)).map_or(0, |(k, _)| k)
 }
 
 /// True on the surface of a bake.
@@ -338,4 +354,19 @@ fn spread_receivers(texels: &LightmapTexels, has_light: &[bool]) -> Vec<u32> {
         }
     }
     from
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn light_is_borrowed_of_what_is_near_and_looks_the_same_way() {
+        let at = |x: f32, normal: Vec3| SurfacePoint { position: Vec3::X * x, patch: NONE, normal, weight: 1.0 };
+        let points = [at(0.1, Vec3::Y), at(0.2, Vec3::NEG_Y), at(5.0, Vec3::NEG_Y)];
+        assert_eq!(nearest_like(&points, &at(0.0, Vec3::NEG_Y)), 1);
+        assert_eq!(nearest_like(&points, &at(0.0, Vec3::Y)), 0);
+        assert_eq!(nearest_like(&points[..1], &at(0.0, Vec3::NEG_Y)), 0);
+        assert_eq!(nearest_like(&[], &at(0.0, Vec3::Y)), 0);
+    }
 }
