@@ -87,7 +87,7 @@ test("walls are painted, and what moves hides light", async () => {
   const plate = light.addObject(corners, 0, at(0.15, 0.3, 0.15));
   light.update();
   const hidden = sum(light.surface());
-  assert.ok(hidden > 0 && Math.abs(hidden / own - 1) > 0.02, `${hidden} ${own}`);
+  assert.ok(hidden > 0 && Math.abs(hidden / own - 1) > 0.005, `${hidden} ${own}`);
   light.moveObject(plate, at(50, 0, 0));
   light.update();
   assert.ok(Math.abs(sum(light.surface()) / own - 1) < 1e-3);
