@@ -13,6 +13,7 @@ use patchlight::glam::Vec3;
 use patchlight::scene::gpu::{LIGHT_RECT, Texture};
 use patchlight::scene::kernel::shade::encode_srgb;
 use patchlight::scene::kernel::texture::texel;
+use patchlight::scene::kernel::tone::neutral;
 use patchlight::scene::{NONE, Sky};
 use patchlight::{
     Bake, BakeSettings, Cpu, Estimator, Intensity, Irradiance, Light, Lighting, Material, Mesh, Origin, Radiance,
@@ -237,20 +238,4 @@ fn write_still(
         .flat_map(|p| neutral(*p * loaded.exposure_stops.exp2()).to_array().map(|x| byte(encode_srgb(x))))
         .collect();
     write_jpeg(&folder.join(format!("{}.jpg", shown.name)), STILL, &bytes)
-}
-
-/// The tone curve "PBR Neutral" of the Khronos group, which the page has.
-fn neutral(color: Vec3) -> Vec3 {
-    const START: f32 = 0.8 - 0.04;
-    const DESATURATION: f32 = 0.15;
-    let least = color.min_element();
-    let color = color - if least < 0.08 { least - 6.25 * least * least } else { 0.04 };
-    let peak = color.max_element();
-    if peak < START {
-        return color;
-    }
-    let room = 1.0 - START;
-    let new = 1.0 - room * room / (peak + room - START);
-    let share = 1.0 - 1.0 / (DESATURATION * (peak - new) + 1.0);
-    (color * (new / peak)).lerp(Vec3::splat(new), share)
 }
