@@ -57,8 +57,9 @@ pub struct Bake {
         help_heading = "Method"
     )]
     pub methods: Vec<Method>,
-    /// Keep what frames need and no more, rounded, for downloads: `gzip` packs it to less than half. Edits of the scene
-    /// and operators are made anew.
+    /// Keep what frames need and no more, rounded, for downloads.
+    ///
+    /// `gzip` packs it to less than half. Edits of the scene and operators are made anew.
     #[arg(long, conflicts_with_all = ["methods", "plan", "round"], help_heading = "Method")]
     pub for_frames: bool,
     #[command(flatten)]
