@@ -210,6 +210,39 @@ fn cells_without_a_length_have_no_receivers_and_short_lengths_many() {
 }
 
 #[test]
+fn the_one_receiver_of_a_cell_is_not_inside_of_what_stands_on_it() {
+    // A post about the middle of each triangle of a floor, open below.
+    let posts = |turned: bool| {
+        let mut triangles = sheet(Vec3::ZERO, Vec3::Z, Vec3::X, 1);
+        for middle in [1.0 / 3.0, 2.0 / 3.0] {
+            let low = Vec3::new(middle - 0.1, -0.05, middle - 0.1);
+            let [x, y, z] = [Vec3::X * 0.2, Vec3::Y * 0.5, Vec3::Z * 0.2];
+            let walls = [(low, z, y), (low + x, y, z), (low, y, x), (low + z, x, y), (low + y, z, x)];
+            for (corner, a, b) in walls {
+                let (a, b) = if turned { (b, a) } else { (a, b) };
+                triangles.extend(sheet(corner, a, b, 1));
+            }
+        }
+        scene(triangles)
+    };
+    let receivers = |scene: &Scene| {
+        let sides = vec![Sides { front: true, back: false }; scene.geometry.triangles.len()];
+        let within = |_: &scene::SurfacePoint, _: f32| Some(10.0);
+        InterpolationMesh::new(scene, &Density::default(), &sides, 10.0, 1e-3, within, nowhere).unwrap()
+    };
+    let of_floor = |set: &InterpolationMesh| -> Vec<Vec3> {
+        let floor = set.points.iter().filter(|p| p.normal.y > 0.9 && p.position.y.abs() < 1e-3);
+        floor.map(|p| p.position).collect()
+    };
+    let is_in_post = |p: &Vec3| [1.0 / 3.0, 2.0 / 3.0].iter().any(|m| (p.x - m).abs() < 0.1 && (p.z - m).abs() < 0.1);
+    let outside = of_floor(&receivers(&posts(false)));
+    assert!(outside.len() == 2 && !outside.iter().any(is_in_post), "{outside:?}");
+    // What shows its fronts to the inside has light of its own there.
+    let inside = of_floor(&receivers(&posts(true)));
+    assert!(inside.len() == 2 && inside.iter().all(is_in_post), "{inside:?}");
+}
+
+#[test]
 fn wrong_edges_are_refused() {
     let scene = scene(sheet(Vec3::ZERO, Vec3::Z, Vec3::X, 1));
     for edge in [0.0, -1.0, f32::NAN, f32::INFINITY] {

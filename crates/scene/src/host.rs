@@ -42,5 +42,5 @@ pub use picture::{
 pub use pyramid::{Halver, Pyramid, half};
 pub use receivers::ReceiverSet;
 pub use scene::{Scene, SceneParts};
-pub use sides::{POINT_WALKS, SidePolicy, Sides, find_lit_sides, find_sides, is_open, reachability};
+pub use sides::{POINT_WALKS, SidePolicy, Sides, find_lit_sides, find_sides, is_inside, is_open, reachability};
 pub use sky::{SKY_BINS, sky_bin, sky_direction, sky_exitance};

@@ -75,8 +75,8 @@ pub use units::{Flux, Intensity, Irradiance, Radiance, SurfaceLight};
 pub use host::{
     BuildError, DisplayTransform, Distribution, Geometry, LightId, Lighting, MAX_EMITTER_GROUPS, MaterialId, Materials,
     Mesh, MeshFault, MeshId, MovingMesh, Occluder, POINT_WALKS, Picture, ReceiverSet, SKY_BINS, Scene, SceneBuilder,
-    SceneEdit, SceneParts, SidePolicy, Sides, TextureId, Tone, find_lit_sides, find_sides, is_open, reachability,
-    scale_to_stops, sky_bin, sky_direction, sky_exitance, stops_to_scale, texel_count,
+    SceneEdit, SceneParts, SidePolicy, Sides, TextureId, Tone, find_lit_sides, find_sides, is_inside, is_open,
+    reachability, scale_to_stops, sky_bin, sky_direction, sky_exitance, stops_to_scale, texel_count,
 };
 
 use glam::Vec3;

@@ -9,7 +9,7 @@ use hashbrown::HashMap;
 use num_traits::Float as _;
 use scene::parallel::*;
 use scene::sampling::hash3;
-use scene::{Hit, NONE, POINT_WALKS, ReceiverSet, Scene, Sides, SurfacePoint, Visibility, is_open};
+use scene::{Hit, NONE, POINT_WALKS, ReceiverSet, Scene, Sides, SurfacePoint, Visibility, is_inside, is_open};
 use transport::kernel::grid::{cell_corners, cell_count, interpolate_receivers, vertex_at, vertex_count};
 use transport::{ReceiverCell, TriangleGrid, check_length};
 
@@ -284,12 +284,15 @@ fn side_cells(
         let point = |place: Vec2| side_point(scene, side.triangle, side.front, place);
         let middle = point((a + b + c) / 3.0);
         let here = within(&middle, longest);
+        let near = |p: Vec2, q: Vec2, r: Vec2| point(p * 0.9 + (q + r) * 0.05);
+        let corners = [near(a, b, c), near(b, c, a), near(c, a, b)];
         if here.is_some_and(|length| longest <= length) {
-            return CellPlan { middle, length: here, is_single: true };
+            // Its middle may be inside of what stands on it.
+            let outside = [middle].into_iter().chain(corners).find(|place| !is_inside(scene, place));
+            return CellPlan { middle: outside.unwrap_or(middle), length: here, is_single: true };
         }
         // A cell may lie across the border of what is lit.
-        let near = |p: Vec2, q: Vec2, r: Vec2| within(&point(p * 0.9 + (q + r) * 0.05), longest);
-        let corners = [near(a, b, c), near(b, c, a), near(c, a, b)];
+        let corners = corners.map(|corner| within(&corner, longest));
         CellPlan { middle, length: corners.into_iter().flatten().chain(here).reduce(f32::min), is_single: false }
     };
     (0..cell_count(side.divisions)).map(cell).collect()

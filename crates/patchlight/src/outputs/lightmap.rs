@@ -7,11 +7,10 @@ use glam::{Vec2, Vec3};
 use patches::LightmapTexels;
 use rayon::prelude::*;
 use scene::gpu::{Triangle, TriangleUv};
-use scene::kernel::bvh::FAR;
-use scene::sampling::{cosine_hemisphere, hammersley, hash3, uniform_triangle};
+use scene::sampling::{hammersley, hash3, uniform_triangle};
 use scene::{
     Lighting, Material, NONE, POINT_WALKS, ReceiverSet as _, Scene, SceneParts, SidePolicy, Sides, SurfacePoint,
-    find_sides, is_open,
+    find_sides, is_inside, is_open,
 };
 use transport::kernel::view::vertices_at;
 
@@ -28,8 +27,6 @@ const SIDE_SAMPLES: u32 = 16;
 const FACING: f32 = 4.0;
 /// Cosine between normals of the same surface.
 const PARALLEL: f32 = 0.99;
-/// Rays that find out whether a texel is inside of something.
-const LOOKS: u32 = 8;
 /// Rays from a texel to each material that shines, and to the sky.
 const RAYS: u32 = 64;
 
@@ -104,6 +101,7 @@ impl LiveLightmap {
         let side = |triangle| Sides { front: true, back: !is_lit(triangle) };
         let sides: Vec<Sides> = (0..triangles.len() as u32).into_par_iter().map(side).collect();
         let is_lit = |point: &SurfacePoint| match row(bake, point) {
+            // Where something stands on a surface, an interpolation mesh may still have light.
             Some(_) => !is_inside(&bake.scene, point),
             // A face so small that the bake found no light there.
             None => is_of(bake, point) && is_open_point(&bake.scene, point),
@@ -257,19 +255,6 @@ impl LiveLightmap {
 fn is_open_point(scene: &Scene, point: &SurfacePoint) -> bool {
     let [x, y, z] = point.position.to_array().map(f32::to_bits);
     is_open(scene, point, POINT_WALKS, hash3(x, y, z))
-}
-
-/// True in what is closed and stands on a surface, where an interpolation mesh may still have light: only backs are
-/// seen, and walks find no light.
-fn is_inside(scene: &Scene, point: &SurfacePoint) -> bool {
-    let tables = scene.tables();
-    let origin = point.position + point.normal * scene.geometry.ray_offset;
-    let sees_back = |k: u32| {
-        let direction = cosine_hemisphere(point.normal, hammersley(k, LOOKS, (0, 0)));
-        let hit = scene.closest_before(origin, direction, FAR);
-        !hit.is_miss() && tables.normal(hit.triangle).dot(direction) > 0.0
-    };
-    (0..LOOKS).all(sees_back) && !is_open_point(scene, point)
 }
 
 fn check(bake: &Bake) -> Result<(), Error> {

@@ -6,6 +6,7 @@ use alloc::vec::Vec;
 use crate::parallel::*;
 use glam::Vec3;
 
+use crate::kernel::bvh::FAR;
 use crate::kernel::walk;
 use crate::sampling::{cosine_hemisphere, hammersley, hash3, uniform_triangle};
 use crate::{Scene, SurfacePoint, Visibility};
@@ -92,6 +93,23 @@ pub const POINT_WALKS: u32 = 8;
 /// this many random walks as in [`find_sides`].
 pub fn is_open(scene: &Scene, point: &SurfacePoint, walks: u32, seed: u32) -> bool {
     walk::is_open(&scene.host_tables(), &scene.lamps(), &scene.walk_params(walks, 0), *point, seed)
+}
+
+/// Rays by which [`is_inside`] looks about.
+const LOOKS: u32 = 8;
+
+/// Returns true for a point inside of what is closed and stands on a surface: all that is seen from there are backs, and
+/// no light comes ([`is_open`]).
+pub fn is_inside(scene: &Scene, point: &SurfacePoint) -> bool {
+    let tables = scene.host_tables();
+    let origin = point.position + point.normal * scene.geometry.ray_offset;
+    let sees_back = |k: u32| {
+        let direction = cosine_hemisphere(point.normal, hammersley(k, LOOKS, (0, 0)));
+        let hit = scene.closest_before(origin, direction, FAR);
+        !hit.is_miss() && tables.normal(hit.triangle).dot(direction) > 0.0
+    };
+    let [x, y, z] = point.position.to_array().map(f32::to_bits);
+    (0..LOOKS).all(sees_back) && !is_open(scene, point, POINT_WALKS, hash3(x, y, z))
 }
 
 /// Result of [`walk::reachability`] for a place: whether it sees geometry, and whether light comes to it by so many
