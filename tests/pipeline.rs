@@ -224,6 +224,41 @@ fn both_executors_render_the_same_pictures_with_operators() {
     }
 }
 
+#[test]
+fn all_bounces_by_few_products_are_the_light_of_many() {
+    let difference = |a: &[Vec3], b: &[Vec3]| {
+        let square = |v: Vec3| f64::from(v.length_squared());
+        let wrong: f64 = a.iter().zip(b).map(|(a, b)| square(*a - *b)).sum();
+        (wrong / b.iter().map(|h| square(*h)).sum::<f64>()).sqrt()
+    };
+    for (name, patches, receivers) in [
+        ("cornell", PatchKind::Polygon, ReceiverKind::Mesh),
+        ("furnace", PatchKind::Polygon, ReceiverKind::Mesh),
+        ("cornell", PatchKind::Axis, ReceiverKind::Patches),
+    ] {
+        let loaded = procedural::build(name).unwrap();
+        // Irradiance of patches, and products from patch to patch.
+        let light = |bounces: Option<u32>| {
+            let settings = Setup { patches, receivers, bounces, ..settings(150) };
+            let mut renderer = settings.renderer(&loaded, cpu()).unwrap();
+            let light = renderer.light_mut();
+            light.update(&loaded.scene.lighting).unwrap();
+            let buffer = light.buffers().patches;
+            let found: Vec<Vec3> = light.download(buffer).unwrap().iter().map(|h| h.truncate()).collect();
+            // A product and a bounce each.
+            let products = light.executor_mut().plan().passes().iter().filter(|pass| pass.name == "method").count() / 2;
+            (found, products as u32)
+        };
+        let (exact, _) = light(Some(200));
+        let (found, products) = light(None);
+        let (few, same) = light(Some(products + if receivers == ReceiverKind::Mesh { 2 } else { 0 }));
+        assert_eq!(same, products);
+        let [wrong, plain] = [&found, &few].map(|light| difference(light, &exact));
+        println!("{name}, {patches:?}: {products} products leave {wrong:.1e}, of plain bounces {plain:.1e}");
+        assert!(wrong < 2e-4 && plain > 5.0 * wrong, "{name}, {patches:?}: {wrong}, {plain}");
+    }
+}
+
 /// Texture units round decoded values to about 8 bits in BC1 and BC3, and are exact in BC6H and BC7 (`parity.rs`).
 /// Entries are squares of texels, so an error of 1.7/255 of a great texel is one of 1.3 % of its entry; those of a row
 /// have both signs.

@@ -31,16 +31,21 @@ fn albedo() -> Vec<Vec4> {
 
 /// Distance to where the light settles, after each bounce, as a share of the first.
 fn distances(acceleration: Acceleration, bounces: usize) -> Vec<f32> {
+    distances_by(&vec![acceleration; bounces])
+}
+
+/// As [`distances`], each bounce by its own step.
+fn distances_by(steps: &[Acceleration]) -> Vec<f32> {
     let matrix = matrix();
     let albedo = albedo();
     let source: Vec<Vec4> = (0..N).map(|i| Vec4::splat(if i < 3 { 1.0 } else { 0.0 })).collect();
-    let run = |acceleration: Acceleration, bounces: usize, from: &[Vec4]| -> Vec<Vec<Vec4>> {
-        let p = acceleration.params(N as u32);
+    let run = |steps: &[Acceleration], from: &[Vec4]| -> Vec<Vec<Vec4>> {
         let mut light = from.to_vec();
         let mut last = vec![Vec4::ZERO; N];
         let mut irradiance = vec![Vec4::ZERO; N];
         let mut all = Vec::new();
-        for _ in 0..bounces {
+        for acceleration in steps {
+            let p = acceleration.params(N as u32);
             multiply(&matrix, &light, &mut irradiance);
             for i in 0..N {
                 last[i] = change(&p, source[i], albedo[i], irradiance[i], light[i], last[i]);
@@ -52,12 +57,12 @@ fn distances(acceleration: Acceleration, bounces: usize) -> Vec<f32> {
     };
     let dark = vec![Vec4::ZERO; N];
     let plain = Acceleration { step: 1.0, momentum: 0.0, rate: 0.0 };
-    let settled = run(plain, 2000, &dark).pop().unwrap();
+    let settled = run(&[plain; 2000], &dark).pop().unwrap();
     let distance = |light: &[Vec4]| {
         light.iter().zip(&settled).map(|(a, b)| (*a - *b).truncate().length_squared()).sum::<f32>().sqrt()
     };
     let first = distance(&dark);
-    run(acceleration, bounces, &dark).iter().map(|light| distance(light) / first).collect()
+    run(steps, &dark).iter().map(|light| distance(light) / first).collect()
 }
 
 fn range() -> std::ops::RangeInclusive<f32> {
@@ -104,6 +109,30 @@ fn light_settles_at_the_stated_rates() {
     // Far too much momentum is noticed.
     let wrong = Acceleration { momentum: 0.8, ..fast };
     assert!(needed(wrong) > needed(plain), "{}", needed(wrong));
+}
+
+#[test]
+fn chebyshevs_steps_leave_what_they_say() {
+    let greatest = *range().end();
+    for (radius, share) in [(greatest, 1e-2), (greatest, 1e-4), (0.98, 1e-3)] {
+        let steps = Acceleration::until(radius, share).unwrap();
+        let found = distances_by(&steps);
+        let mut most = 1.0;
+        for (distance, acceleration) in found.iter().zip(&steps) {
+            most *= acceleration.rate;
+            // In the norm of eigenvectors; that of light is others by albedos.
+            assert!(*distance < 1.5 * most + 1e-6, "{radius}, {share}: {distance} of {most}");
+        }
+        assert!(most <= share && most / steps[steps.len() - 1].rate > share);
+        let plain = share.ln() / radius.ln();
+        assert!((steps.len() as f32) < 0.6 * plain, "{} bounces in the place of {plain}", steps.len());
+    }
+    // A radius that is much too small leaves more.
+    let steps = Acceleration::until(0.3 * greatest, 1e-4).unwrap();
+    assert!(*distances_by(&steps).last().unwrap() > 1e-3);
+    for (radius, share) in [(0.0, 0.1), (1.0, 0.1), (f32::NAN, 0.1), (0.5, 0.0), (0.5, 1.0)] {
+        assert!(Acceleration::until(radius, share).is_err());
+    }
 }
 
 #[test]

@@ -34,7 +34,7 @@ const HIT_BYTES: f64 = 1.2;
 /// Bytes beside them: samples, patches, rows under way.
 const SAMPLER_BYTES: u64 = 256 << 20;
 /// Bounces when all are asked for end when no patch changes by more than this share of the brightest.
-const TOLERANCE: f32 = 1e-4;
+pub(crate) const TOLERANCE: f32 = 1e-4;
 /// Bounces at most: an albedo of 0.95 in a closed room needs 180 for the tolerance.
 const MAX_BOUNCES: u32 = 200;
 

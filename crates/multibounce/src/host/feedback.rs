@@ -1,5 +1,6 @@
 //! Convergence of light that bounces once a frame.
 
+use alloc::vec;
 use alloc::vec::Vec;
 use core::ops::RangeInclusive;
 use glam::{Vec3, Vec4};
@@ -83,6 +84,34 @@ impl Acceleration {
         let p = scene::math::sqrt(1.0 - greatest);
         let rate = (q - p) / (q + p);
         Ok(Self { step: (2.0 / (q + p)) * (2.0 / (q + p)), momentum: rate * rate, rate })
+    }
+
+    /// The steps of Chebyshev's iteration, for eigenvalues in `−radius..=radius`, from any start until at most `share` of
+    /// the distance to where the light settles is left. With `T_k` for Chebyshev's polynomials and `r` for the radius,
+    /// k bounces leave `1 / T_k(1 / r)`; plain ones leave `rᵏ`. [`Self::new`] goes on from frame to frame; this ends.
+    ///
+    /// Source: G. H. Golub, R. S. Varga, "Chebyshev semi-iterative methods", 1961, eq. 2.9.
+    ///
+    /// # Errors
+    /// [`transport::Error::Setting`] for a radius that is not in (0, 1), or a share that is not.
+    pub fn until(radius: f32, share: f32) -> Result<Vec<Self>, Error> {
+        for (name, value) in [("radius", radius), ("share", share)] {
+            if !(value > 0.0 && value < 1.0) {
+                let rule = "between 0 and 1";
+                return Err(transport::Error::Setting { name, value: f64::from(value), rule }.into());
+            }
+        }
+        // T_{k - 1}(1 / r) / T_k(1 / r)
+        let mut rate = radius;
+        let mut left = rate;
+        let mut steps = vec![Self { step: 1.0, momentum: 0.0, rate }];
+        while left > share {
+            rate = 1.0 / (2.0 / radius - rate);
+            left *= rate;
+            let step = 2.0 * rate / radius;
+            steps.push(Self { step, momentum: step - 1.0, rate });
+        }
+        Ok(steps)
     }
 
     /// Settings of the kernel for so many patches.
