@@ -3,6 +3,7 @@
 use glam::Vec4;
 use patchlight_multibounce::kernel::feedback::change;
 use patchlight_multibounce::{Acceleration, Error, spectral_range};
+use scene::math::ln;
 use scene::sampling::{hash3, unit};
 use transport::FnOperator;
 
@@ -124,7 +125,7 @@ fn chebyshevs_steps_leave_what_they_say() {
             assert!(*distance < 1.5 * most + 1e-6, "{radius}, {share}: {distance} of {most}");
         }
         assert!(most <= share && most / steps[steps.len() - 1].rate > share);
-        let plain = share.ln() / radius.ln();
+        let plain = ln(share) / ln(radius);
         assert!((steps.len() as f32) < 0.6 * plain, "{} bounces in the place of {plain}", steps.len());
     }
     // A radius that is much too small leaves more.

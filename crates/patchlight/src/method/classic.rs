@@ -17,6 +17,10 @@ use crate::bake::{Bake, TOLERANCE};
 use crate::error::Error;
 use crate::low_level::frame::{FramePlan, zeros};
 
+/// What Chebyshev's steps leave: less than the tolerance, since in rooms behind rooms they leave a greater share than in
+/// the first, by powers of their number.
+const LEFT: f32 = 0.1 * TOLERANCE;
+
 /// Bounces by the form factors themselves.
 pub struct Classic {
     bytes: u64,
@@ -86,8 +90,8 @@ impl Method for Classic {
     }
 }
 
-/// Steps that leave as little as so many plain bounces, which leave the tolerance of bakes.
+/// Steps in the place of so many plain bounces, which leave the tolerance of bakes.
 fn accelerated(bounces: u32) -> Result<Vec<Acceleration>, Error> {
     let radius = exp_minus(-ln(TOLERANCE) / bounces.max(1) as f32);
-    Ok(Acceleration::until(radius, TOLERANCE)?)
+    Ok(Acceleration::until(radius, LEFT)?)
 }
