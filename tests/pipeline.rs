@@ -231,14 +231,21 @@ fn all_bounces_by_few_products_are_the_light_of_many() {
         let wrong: f64 = a.iter().zip(b).map(|(a, b)| square(*a - *b)).sum();
         (wrong / b.iter().map(|h| square(*h)).sum::<f64>()).sqrt()
     };
-    for (name, patches, receivers) in [
-        ("cornell", PatchKind::Polygon, ReceiverKind::Mesh),
-        ("furnace", PatchKind::Polygon, ReceiverKind::Mesh),
-        ("cornell", PatchKind::Axis, ReceiverKind::Patches),
-        ("corridor", PatchKind::Polygon, ReceiverKind::Mesh),
-        ("rooms", PatchKind::Polygon, ReceiverKind::Mesh),
+    for (name, albedo, patches, receivers) in [
+        ("cornell", None, PatchKind::Polygon, ReceiverKind::Mesh),
+        ("furnace", None, PatchKind::Polygon, ReceiverKind::Mesh),
+        // For which a bake has too few plain bounces.
+        ("furnace", Some(0.97), PatchKind::Polygon, ReceiverKind::Mesh),
+        ("cornell", None, PatchKind::Axis, ReceiverKind::Patches),
+        ("corridor", None, PatchKind::Polygon, ReceiverKind::Mesh),
+        ("rooms", None, PatchKind::Polygon, ReceiverKind::Mesh),
     ] {
-        let loaded = procedural::build(name).unwrap();
+        let mut loaded = procedural::build(name).unwrap();
+        if let Some(albedo) = albedo {
+            for material in Arc::make_mut(&mut loaded.scene.materials) {
+                material.albedo = Vec3::splat(albedo);
+            }
+        }
         // Irradiance of patches, and products from patch to patch.
         let light = |bounces: Option<u32>| {
             let settings = Setup { patches, receivers, bounces, ..settings(150) };
@@ -251,7 +258,7 @@ fn all_bounces_by_few_products_are_the_light_of_many() {
             let products = light.executor_mut().plan().passes().iter().filter(|pass| pass.name == "method").count() / 2;
             (found, products as u32)
         };
-        let (exact, _) = light(Some(200));
+        let (exact, _) = light(Some(1000));
         let (found, products) = light(None);
         let renderer = Setup { patches, receivers, ..settings(150) }.renderer(&loaded, cpu()).unwrap();
         let enough = renderer.light().bake().bounces();
@@ -273,7 +280,7 @@ fn all_bounces_by_few_products_are_the_light_of_many() {
         println!(
             "{name}, {patches:?}: {products} products leave {wrong:.1e}, plain ones {plain:.1e}; {enough} would do"
         );
-        assert!(wrong < 1e-5 && plain > 5.0 * wrong, "{name}, {patches:?}: {wrong}, {plain}");
+        assert!(wrong < 2e-5 && plain > 5.0 * wrong, "{name}, {patches:?}: {wrong}, {plain}");
     }
 }
 

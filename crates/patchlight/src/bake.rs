@@ -36,7 +36,7 @@ const SAMPLER_BYTES: u64 = 256 << 20;
 /// Bounces when all are asked for end when no patch changes by more than this share of the brightest.
 pub(crate) const TOLERANCE: f32 = 1e-4;
 /// Bounces at most: an albedo of 0.95 in a closed room needs 180 for the tolerance.
-const MAX_BOUNCES: u32 = 200;
+pub(crate) const MAX_BOUNCES: u32 = 200;
 
 /// Changes the random numbers of receivers.
 pub(crate) const RECEIVERS: u32 = 0x7265_6365;

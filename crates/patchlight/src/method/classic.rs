@@ -13,7 +13,7 @@ use scene::math::{exp_minus, ln};
 
 use super::{Method, MethodReport, bytes};
 use crate::albedo::Albedo;
-use crate::bake::{Bake, TOLERANCE};
+use crate::bake::{Bake, MAX_BOUNCES, TOLERANCE};
 use crate::error::Error;
 use crate::low_level::frame::{FramePlan, zeros};
 
@@ -90,8 +90,10 @@ impl Method for Classic {
     }
 }
 
-/// Steps in the place of so many plain bounces, which leave the tolerance of bakes.
+/// Steps in the place of so many plain bounces, which leave the tolerance of bakes; more than that where a bake takes no
+/// more of them.
 fn accelerated(bounces: u32) -> Result<Vec<Acceleration>, Error> {
-    let radius = exp_minus(-ln(TOLERANCE) / bounces.max(1) as f32);
+    let enough = if bounces < MAX_BOUNCES { bounces.max(1) } else { bounces + bounces / 2 };
+    let radius = exp_minus(-ln(TOLERANCE) / enough as f32);
     Ok(Acceleration::until(radius, LEFT)?)
 }
