@@ -90,7 +90,7 @@ impl Acceleration {
     /// the distance to where the light settles is left. With `T_k` for Chebyshev's polynomials and `r` for the radius,
     /// k bounces leave `1 / T_k(1 / r)`; plain ones leave `rᵏ`. [`Self::new`] goes on from frame to frame; this ends.
     ///
-    /// Source: G. H. Golub, R. S. Varga, "Chebyshev semi-iterative methods", 1961, eq. 2.9.
+    /// Source: G. H. Golub, R. S. Varga, "Chebyshev semi-iterative methods", 1961.
     ///
     /// # Errors
     /// [`transport::Error::Setting`] for a radius that is not in (0, 1), or a share that is not.
